@@ -1,0 +1,128 @@
+"""Event, version 1: what the detector says of a reading that car-following does not explain."""
+
+from enum import IntEnum, StrEnum
+from typing import Annotated
+
+from pydantic import Field
+
+from headway_schemas.fields import Blob, Id, Message, Number, TUs
+
+
+class Phase(StrEnum):
+    """Where an event is in its life: the same `event_id` runs through all three."""
+
+    ONSET = "onset"
+    UPDATE = "update"
+    CLEARED = "cleared"
+
+
+class Kind(StrEnum):
+    """What the anomaly looks like."""
+
+    SHORT = "short"
+    """One reading far off, the next ones right again."""
+    NOISE = "noise"
+    """Readings scatter more than the sensor should."""
+    BIAS = "bias"
+    """Readings are off by a constant."""
+    DRIFT = "drift"
+    """Readings move away steadily."""
+    MISS = "miss"
+    """Readings stay out, longer than the sender's own interval explains."""
+    RESPONSE = "response"
+    """Readings agree with each other, but no driver would answer the leader so."""
+    RANGE = "range"
+    """Declared positions contradict a forward range sensor."""
+
+
+class Sensor(StrEnum):
+    """Which reading is in doubt."""
+
+    LOCATION = "location"
+    SPEED = "speed"
+    BOTH = "both"
+    LINK = "link"
+    """The communication link: no reading came."""
+
+
+class EtsiTarget(IntEnum):
+    """Target of the misbehaviour, ETSI TS 103 759."""
+
+    BEACON = 0
+    STATIC = 1
+    SECURITY = 2
+    POSITION = 3
+    SPEED = 4
+    LONGITUDINAL_ACCELERATION = 5
+
+
+class Stage(StrEnum):
+    """Stages on the way of a message, in order."""
+
+    WIRE = "wire"
+    """From the reading's event time to its receipt: two clocks, so it may be negative."""
+    QUEUE = "queue"
+    DECODE = "decode"
+    JUDGE = "judge"
+
+
+class Innovation(Message):
+    """Reading less prediction."""
+
+    x_m: Number
+    v_mps: Number
+
+
+class Recovered(Message):
+    """What the detector believes in place of the reading, with one sigma of each."""
+
+    x_m: Number
+    v_mps: Number
+    x_std_m: Number
+    v_std_mps: Number
+
+
+class Evidence(Message):
+    """The readings around the verdict, enough to replay it: a table that names its own columns."""
+
+    columns: Annotated[tuple[str, ...], Field(strict=False)]
+    readings: Annotated[tuple[Annotated[tuple[Number, ...], Field(strict=False)], ...], Field(strict=False)]
+    """One row per reading, oldest first, values in the order of `columns`."""
+    checkpoint: Blob | None = None
+    """The pair's row of the bank before the first of the readings."""
+    parameters: Annotated[dict[str, Number | str], Field(default_factory=dict)]
+    """Parameters of the model and the gate."""
+
+
+class Event(Message):
+    """One step in the life of an anomaly."""
+
+    event_id: Id
+    phase: Phase
+    kind: Kind
+    sensor: Sensor
+    suspect: Id
+    """The vehicle whose reading is in doubt."""
+    leader: Id | None = None
+    """Null on a free road."""
+    follower: Id
+    site: Id
+    t_us: TUs
+    """Event time of the reading."""
+    detected_us: TUs
+    nis: Number = None
+    """Normalised innovation squared."""
+    statistic: Number = None
+    """What the gate judged: `nis`, or a running statistic made of it."""
+    gate: Number = None
+    """What the statistic was held against."""
+    p_value: Number = None
+    innovation: Innovation | None = None
+    recovered: Recovered | None = None
+    latency_us: Annotated[dict[Stage, int], Field(default_factory=dict)]
+    model: str
+    config_hash: str
+    confidence: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    """How sure the diagnosis of kind and sensor is."""
+    etsi_target: EtsiTarget | None = None
+    evidence: Evidence | None = None

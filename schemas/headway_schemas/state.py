@@ -1,0 +1,114 @@
+"""What the service reports of its own: the state of a pair, its health, and copies of what it rejected."""
+
+from enum import StrEnum
+from typing import Annotated, Self
+
+from pydantic import Field
+
+from headway_schemas.fields import Blob, Id, Message, Number, TUs
+
+Count = Annotated[int, Field(ge=0)]
+Label = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
+"""A name out of a closed set of the service, such as a reason."""
+
+
+class Standing(StrEnum):
+    """How the newest reading of a pair was judged."""
+
+    NORMAL = "normal"
+    WARMING = "warming"
+    ANOMALOUS = "anomalous"
+    SILENT = "silent"
+    """No reading for longer than the sender's own interval explains."""
+
+
+class PairState(Message):
+    """A follower and whoever is ahead of it, as of its newest reading."""
+
+    site: Id
+    follower: Id
+    leader: Id | None = None
+    """Null on a free road."""
+    t_us: TUs
+    standing: Standing
+    lat: Number = None
+    lon: Number = None
+    heading_deg: Number = None
+    gap_m: Number = None
+    x_m: Number = None
+    """Location along the follower's own path, as the filter believes."""
+    v_mps: Number = None
+    nis: Number = None
+    statistic: Number = None
+    gate: Number = None
+
+
+class Health(Message):
+    """One instance of the service, seen by itself."""
+
+    instance: Id
+    site: Id
+    t_us: TUs
+    version: str
+    model: str
+    config_hash: str
+    ready: bool
+    uptime_s: Annotated[float, Field(ge=0.0)]
+    vehicles: Count
+    pairs: Count
+    capacity: Count
+    queue_depth: Count
+    queue_limit: Count
+    scored: Count
+    warming: Count
+    rejected: dict[Label, Count]
+    lost: dict[Label, Count]
+    events: Count
+    latency_ms: Annotated[dict[Label, Number], Field(default_factory=dict)]
+    """From receipt to outcome, by percentile: `p50`, `p99`, `p999`, `max`."""
+    rss_mb: Number = None
+
+
+class RejectedCopy(Message):
+    """A message that was not judged, the reason, and as much of its payload as the size limit lets through."""
+
+    reason: Label
+    detail: str
+    key: str
+    sender: Id | None = None
+    encoding: str
+    size: Count
+    """Bytes of the whole payload."""
+    payload: Blob
+    truncated: bool
+    received_us: TUs
+    count: Annotated[int, Field(ge=1)] = 1
+    """Records that this copy stands for."""
+
+    @classmethod
+    def of(
+        cls,
+        *,
+        reason: str,
+        detail: str,
+        key: str,
+        sender: str | None,
+        encoding: str,
+        payload: bytes,
+        received_us: int,
+        payload_max: int,
+        count: int = 1,
+    ) -> Self:
+        """Copy a rejected message, its payload cut at `payload_max` bytes."""
+        return cls(
+            reason=reason,
+            detail=detail,
+            key=key,
+            sender=sender,
+            encoding=encoding,
+            size=len(payload),
+            payload=payload[:payload_max],
+            truncated=len(payload) > payload_max,
+            received_us=received_us,
+            count=count,
+        )

@@ -1,0 +1,1 @@
+"""headway: which reading, of which sensor, of which car, cannot be true."""

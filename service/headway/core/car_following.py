@@ -1,0 +1,60 @@
+"""Intelligent Driver Model: what a follower's driver does about the car in front, and how that changes with both.
+
+Source: Treiber, Hennecke, Helbing 2000 (doi:10.1103/PhysRevE.62.1805), as used by Wang, Masoud, Khojandi 2020
+(arXiv:2004.09496), equation `idm`:
+
+    f_v = a (1 - (v / v0)^delta - (s* / d)^2)
+    s*  = s0 + v T + v (v - v_leader) / (2 sqrt(a b))
+    d   = x_leader - x - l
+
+Without a leader the last term of f_v is absent (free road).
+"""
+
+from math import isnan, sqrt
+from typing import NamedTuple
+
+from numba import njit
+
+GAP_FLOOR_M = 0.5
+"""A gap is never taken as smaller: estimates may overlap, cars do not."""
+
+BRAKING_LIMIT_MPS2 = -9.81
+"""No tyre brakes harder; keeps f_v finite when a gap closes."""
+
+
+class IdmParams(NamedTuple):
+    """The driver; defaults are the paper's."""
+
+    a_mps2: float = 1.0
+    b_mps2: float = 1.5
+    delta: float = 4.0
+    v0_mps: float = 33.75
+    s0_m: float = 2.0
+    T_s: float = 1.0
+
+
+@njit(cache=True)
+def idm(gap_m: float, v_mps: float, v_leader_mps: float, p: IdmParams) -> tuple[float, float, float, float]:
+    """Return f_v and its gradient (df/dx, df/dv, df/dv_leader), in m/s^2 per m and per m/s; df/dx_leader = -df/dx.
+
+    `gap_m` is d; NaN means a free road. Where a guard holds (gap floor, braking limit) the gradient is that of the
+    guarded function, zero along what is held.
+    """
+    a = p.a_mps2
+    v = max(v_mps, 0.0)
+    free = (v / p.v0_mps) ** p.delta
+    f = a * (1.0 - free)
+    df_dv = -a * p.delta * free / v if v > 0.0 else 0.0
+    if isnan(gap_m):
+        return f, 0.0, df_dv, 0.0
+    d = max(gap_m, GAP_FLOOR_M)
+    c = 1.0 / (2.0 * sqrt(a * p.b_mps2))
+    s_star = p.s0_m + v * p.T_s + v * (v - v_leader_mps) * c
+    f -= a * (s_star / d) ** 2
+    if f < BRAKING_LIMIT_MPS2:
+        return BRAKING_LIMIT_MPS2, 0.0, 0.0, 0.0
+    slope = 2.0 * a * s_star / (d * d)
+    df_dx = -slope * s_star / d if gap_m > GAP_FLOOR_M else 0.0
+    if v > 0.0:
+        df_dv -= slope * (p.T_s + (2.0 * v - v_leader_mps) * c)
+    return f, df_dx, df_dv, slope * v * c

@@ -1,0 +1,106 @@
+"""Delay buffers: what the estimate, its covariance and the input were, tau seconds ago.
+
+Each bank row carries two rings of its own, contiguous with its state: `own_*` holds (t, s, P) and `input_*` holds
+(t, u, leader length). Both are read by linear interpolation; this is the past that the method of steps needs.
+A leader that changes leaves the past as it was: the driver did see the other car then.
+"""
+
+from math import ceil
+from typing import Any
+
+from numba import njit
+
+SPACING_S = 0.08
+"""Nominal senders (100 ms, jitter 5 ms) are kept whole; entries closer than this are thinned."""
+
+SPARE = 4
+
+
+def slots(delay_s: float) -> int:
+    """Return how many entries a ring needs to reach back `delay_s`."""
+    return SPARE + ceil(delay_s / SPACING_S)
+
+
+@njit(cache=True)
+def _slot(times: Any, count: int, t: float) -> int:
+    """Index that a new entry at `t` takes: the newest one's own when the one before it is too close."""
+    size = times.size
+    if count >= 2 and t - times[(count - 2) % size] < SPACING_S:
+        return count - 1
+    return count
+
+
+@njit(cache=True)
+def push_own(row: Any, t: float) -> None:
+    """Remember the row's present estimate as that of time `t`."""
+    at = _slot(row.own_t, row.own_count, t)
+    row.own_count = at + 1
+    k = at % row.own_t.size
+    row.own_t[k] = t
+    row.own_s[k, :] = row.s
+    row.own_P[k, :, :] = row.P
+
+
+@njit(cache=True)
+def push_input(row: Any, t: float, x_m: float, v_mps: float, length_m: float) -> None:
+    """Remember the leader's sample, under its own time stamp; older ones than the newest are ignored."""
+    if row.input_count > 0 and t <= row.input_t[(row.input_count - 1) % row.input_t.size]:
+        return
+    at = _slot(row.input_t, row.input_count, t)
+    row.input_count = at + 1
+    k = at % row.input_t.size
+    row.input_t[k] = t
+    row.input_u[k, 0] = x_m
+    row.input_u[k, 1] = v_mps
+    row.input_length[k] = length_m
+
+
+@njit(cache=True)
+def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
+    """Return slots (i, j) of the entries around `t` and the weight of j; i == j outside the ring."""
+    size = times.size
+    newest = count - 1
+    oldest = max(0, count - size)
+    if t >= times[newest % size]:
+        return newest % size, newest % size, 0.0
+    at = newest
+    while at > oldest and times[(at - 1) % size] > t:
+        at -= 1
+    if at == oldest:
+        return oldest % size, oldest % size, 0.0
+    i, j = (at - 1) % size, at % size
+    return i, j, (t - times[i]) / (times[j] - times[i])
+
+
+@njit(cache=True)
+def own_at(row: Any, t: float, s: Any, P: Any) -> None:
+    """Write estimate and covariance of time `t` into `s` (n,) and `P` (n, n).
+
+    Before the first entry the car is taken to have kept its first speed; after the newest, the newest holds.
+    """
+    i, j, w = bracket(row.own_t, row.own_count, t)
+    n = s.size
+    for a in range(n):
+        s[a] = (1.0 - w) * row.own_s[i, a] + w * row.own_s[j, a]
+        for b in range(n):
+            P[a, b] = (1.0 - w) * row.own_P[i, a, b] + w * row.own_P[j, a, b]
+    if t < row.own_t[i]:
+        s[0] -= s[1] * (row.own_t[i] - t)
+
+
+@njit(cache=True)
+def input_at(row: Any, t: float) -> tuple[float, float, float, float]:
+    """Return (x_leader, v_leader, a_leader, leader length) at time `t`; NaN where nobody was ahead.
+
+    Outside the ring the leader keeps its speed. a_leader is the slope of v_leader between the two entries around `t`.
+    """
+    if row.input_count == 0:
+        return float("nan"), float("nan"), float("nan"), float("nan")
+    i, j, w = bracket(row.input_t, row.input_count, t)
+    if i == j:
+        x, v = row.input_u[i, 0], row.input_u[i, 1]
+        return x + v * (t - row.input_t[i]), v, 0.0, row.input_length[i]
+    x = (1.0 - w) * row.input_u[i, 0] + w * row.input_u[j, 0]
+    v = (1.0 - w) * row.input_u[i, 1] + w * row.input_u[j, 1]
+    a = (row.input_u[j, 1] - row.input_u[i, 1]) / (row.input_t[j] - row.input_t[i])
+    return x, v, a, row.input_length[j]

@@ -1,0 +1,111 @@
+"""From verdicts to events: onset, update, cleared; one at a time for each vehicle, its id the same throughout."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.batch import I64
+from headway.core.evidence import EvidenceStore
+from headway.core.records import Kind, Records, Sensor
+from headway.core.turn import AnomalyEvent, Phase
+from headway.core.vehicles import VehicleTable
+
+CLEAR_AFTER_READINGS = 10
+"""So many readings without an alarm end an event: a second at 10 Hz, so that one cause is one event."""
+
+UPDATE_EVERY_US = 1_000_000
+
+
+@dataclass(slots=True)
+class _Open:
+    """An event under way."""
+
+    event_id: str
+    kind: Kind
+    sensor: Sensor
+    stated_us: int
+    quiet: int = 0
+
+
+class EventLog:
+    """Events under way, by row."""
+
+    def __init__(self, vehicles: VehicleTable, evidence: EvidenceStore, capacity: int) -> None:
+        self._vehicles = vehicles
+        self._evidence = evidence
+        self._open: dict[int, _Open] = {}
+        self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+
+    def __len__(self) -> int:
+        """Return how many events are under way."""
+        return len(self._open)
+
+    def judge(self, rows: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records) -> list[AnomalyEvent]:
+        """Take one verdict for each of the distinct `rows` and return what is to be said; `leaders` is -1 for none."""
+        concerned = np.flatnonzero(verdicts["anomalous"] | self.active[rows])
+        said = []
+        for i in concerned:
+            phase = self._advance(int(rows[i]), int(t_us[i]), verdicts[i])
+            if phase is not None:
+                said.append(
+                    self._state(phase, int(rows[i]), int(leaders[i]), int(t_us[i]), int(received_us[i]), verdicts[i])
+                )
+                if phase is Phase.CLEARED:
+                    self.drop(int(rows[i]))
+        return said
+
+    def drop(self, row: int) -> None:
+        """Forget the event of a row, if any, without a word."""
+        self._open.pop(row, None)
+        self.active[row] = False
+
+    def _advance(self, row: int, t_us: int, verdict: np.void) -> Phase | None:
+        event = self._open.get(row)
+        if event is None:
+            vehicle = self._vehicles.id_of[row]
+            self._open[row] = _Open(
+                f"{vehicle}-{t_us}", Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"])), t_us
+            )
+            self.active[row] = True
+            return Phase.ONSET
+        if not verdict["anomalous"]:
+            event.quiet += 1
+            return Phase.CLEARED if event.quiet >= CLEAR_AFTER_READINGS else None
+        event.quiet = 0
+        kind, sensor = Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"]))
+        if (kind, sensor) == (event.kind, event.sensor) and t_us - event.stated_us < UPDATE_EVERY_US:
+            return None
+        event.kind, event.sensor, event.stated_us = kind, sensor, t_us
+        return Phase.UPDATE
+
+    def _state(
+        self, phase: Phase, row: int, leader: int, t_us: int, received_us: int, verdict: np.void
+    ) -> AnomalyEvent:
+        event = self._open[row]
+        suspect = self._vehicles.id_of[row]
+        assert suspect is not None
+        return AnomalyEvent(
+            event_id=event.event_id,
+            phase=phase,
+            kind=event.kind,
+            sensor=event.sensor,
+            confidence=float(verdict["confidence"]),
+            suspect=suspect,
+            leader=self._vehicles.id_of[leader] if leader >= 0 else None,
+            follower=suspect,
+            t_us=t_us,
+            received_us=received_us,
+            nis=float(verdict["nis"]),
+            gate=float(verdict["gate"]),
+            statistic=float(verdict["statistic"]),
+            p_value=float(verdict["p_value"]),
+            nu=(float(verdict["nu"][0]), float(verdict["nu"][1])),
+            recovered=(
+                float(verdict["x_m"]),
+                float(verdict["v_mps"]),
+                float(verdict["x_std_m"]),
+                float(verdict["v_std_mps"]),
+            ),
+            evidence=self._evidence.of(row),
+        )

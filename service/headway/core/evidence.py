@@ -1,0 +1,56 @@
+"""What a verdict can be computed again from: each row's last readings, and its state before the first of them.
+
+Every half ring the bank row is copied before it steps; the older of the two copies and the readings since replay every
+verdict in between, bit for bit, through the same kernel.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from headway.core.batch import I64
+from headway.core.records import READING, Records
+from headway.core.turn import Evidence
+
+
+@njit(cache=True)
+def _remember(bank: Any, rows: Any, readings: Any, ring: Any, checkpoints: Any, counts: Any) -> None:
+    size = ring.shape[1]
+    half = size // 2
+    for i in range(rows.size):
+        row = rows[i]
+        count = counts[row]
+        if count % half == 0:
+            checkpoints[row, (count // half) % 2] = bank[row]
+        ring[row, count % size] = readings[i]
+        counts[row] = count + 1
+
+
+class EvidenceStore:
+    """Rings of readings and two checkpoints for each row of a bank."""
+
+    def __init__(self, bank: Records, readings: int) -> None:
+        if readings < 2 or readings % 2:
+            raise ValueError(f"evidence needs an even number of readings, at least 2: got {readings}")
+        self._ring: Records = np.zeros((bank.size, readings), READING)
+        self._checkpoints: Records = np.zeros((bank.size, 2), bank.dtype)
+        self._counts: I64 = np.zeros(bank.size, np.int64)
+
+    def remember(self, bank: Records, rows: I64, readings: Records) -> None:
+        """Take in the readings that `rows` are about to be judged by; call before the filter steps."""
+        _remember(bank, rows, readings, self._ring, self._checkpoints, self._counts)
+
+    def of(self, row: int) -> Evidence:
+        """Return what replays the newest verdict of a row."""
+        count, size = int(self._counts[row]), self._ring.shape[1]
+        half = size // 2
+        first = max(0, (count - 1) // half - 1) * half
+        return Evidence(
+            checkpoint=self._checkpoints[row, (first // half) % 2].copy(),
+            readings=self._ring[row, np.arange(first, count) % size].copy(),
+        )
+
+    def forget(self, row: int) -> None:
+        """Drop everything about a row."""
+        self._counts[row] = 0

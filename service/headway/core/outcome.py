@@ -1,0 +1,52 @@
+"""What can become of a message: a closed set, and each name is the label of a metric.
+
+Every record that arrives ends in exactly one `Outcome`. `SCORED` and `WARMING` come from the filter; the rest are
+rejections, each with the reason as its name. Numbers are only for arrays; names are the contract, and a retired name
+is never used again.
+"""
+
+from enum import IntEnum, unique
+
+
+@unique
+class Outcome(IntEnum):
+    """The closed set of outcomes; `label` is the word on the wire, in metrics and in the docs."""
+
+    SCORED = 0
+    WARMING = 1
+
+    # Named by the codec, from the bytes alone.
+    MALFORMED = 10
+    WRONG_VERSION = 11
+    OUT_OF_RANGE = 12
+    NOT_FINITE = 13
+    UNAVAILABLE = 14
+    IDENTITY_MISMATCH = 15
+    WILDCARD_KEY = 16
+    NOT_A_PUT = 17
+    BUNDLE_TOO_LARGE = 18
+    PAYLOAD_TOO_LARGE = 19
+    UNKNOWN_ENCODING = 20
+
+    # Named by the core, from what came before.
+    TOO_OLD = 30
+    FROM_THE_FUTURE = 31
+    DUPLICATE = 32
+    OUT_OF_ORDER = 33
+    TABLE_FULL = 34
+
+    # Named by the shell, when more comes in than can be judged.
+    SHED = 40
+
+    @property
+    def label(self) -> str:
+        """Lower-case name: metric label, key chunk of the rejected topic, JSON key of a ledger."""
+        return self.name.lower()
+
+    @property
+    def is_rejection(self) -> bool:
+        """Whether the record never reached a filter."""
+        return self > Outcome.WARMING
+
+
+REJECTIONS = tuple(o for o in Outcome if o.is_rejection)

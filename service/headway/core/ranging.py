@@ -1,0 +1,105 @@
+"""Do the locations and speeds of two cars agree with what the follower's forward sensor measures between them?
+
+    range      = (x_leader - length - x) + offset_m + noise
+    range rate = (v_leader - v) + offset_mps + noise
+
+The offsets (where on each car its location refers to, where the sensor sits) are constants of the pair and are learnt;
+so are the spreads, which hold the slow wander of satellite positions as well. Both disagreements are averaged over
+`SMOOTH_S` (Roberts 1959, the exponentially weighted moving average chart), so that a slow lie adds up and one bad
+reading does not count; the larger one, in its own standard deviations, is the statistic. Which of the two cars is wrong the disagreement
+cannot say.
+"""
+
+from math import exp, isnan, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
+
+SMOOTH_S = 0.5
+MINOR = (0.5, 0.2)
+"""Disagreements in m and m/s that are never unusual, however good both sensors have been."""
+OUTLIER = 3.0
+"""Standard deviations beyond which a disagreement teaches no more."""
+SETTLE_S = 2.0
+
+RANGING = np.dtype(
+    [
+        ("heard_s", "f8"),  # learnt from so far; 0: a fresh pair
+        ("t_s", "f8"),
+        ("offset", "f8", (2,)),  # m, m/s
+        ("smooth", "f8", (2,)),  # disagreement averaged over SMOOTH_S; m, m/s
+        ("smooth_ms", "f8", (2,)),  # mean square of it
+        ("disputed_s", "f8"),  # how long it has been beyond the gate
+        ("tail", TAIL),
+    ],
+    align=True,
+)
+"""One row; all zeros is a pair not seen yet."""
+
+
+class RangingParams(NamedTuple):
+    """How a pair's forward sensor is learnt and judged."""
+
+    tail: TailParams
+    memory_s: float = 120.0
+    warming_s: float = 10.0
+    max_gap_s: float = 1.2
+    give_up_s: float = 60.0
+    """Beyond the gate for so long, the pair begins anew: the sensor looks at another car, or sits elsewhere."""
+
+
+@njit(cache=True)
+def ranging_relink(row: Any) -> None:
+    """Another leader: other offsets, so begin anew."""
+    row.heard_s = 0.0
+
+
+@njit(cache=True)
+def begin(row: Any, t_s: float) -> None:
+    """Forget the pair."""
+    row.heard_s, row.t_s, row.disputed_s = 0.0, t_s, 0.0
+    row.offset[:] = 0.0
+    row.smooth[:] = 0.0
+    row.smooth_ms[:] = 0.0
+    row.tail.peaks, row.tail.excess, row.tail.exposure_s, row.tail.peak = 0.0, 0.0, 0.0, 0.0
+
+
+@njit(cache=True)
+def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
+    """Take one READING into one RANGING row and write the CHECK; without a leader or a range it says `warming`."""
+    check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
+    check.warming, check.anomalous = True, False
+    if isnan(z.leader_t_s) or isnan(z.range_m):
+        return
+    if row.heard_s == 0.0 or row.disputed_s > p.give_up_s:
+        begin(row, z.t_s - 0.1)
+    dt_s = min(z.t_s - row.t_s, p.max_gap_s)
+    row.t_s = z.t_s
+    gap_m = z.leader_x_m + z.leader_v_mps * (z.t_s - z.leader_t_s) - z.leader_length_m - z.x_m
+    gap_rate_mps = z.leader_v_mps - z.v_mps
+    off = (z.range_m - gap_m, gap_rate_mps if isnan(z.range_rate_mps) else z.range_rate_mps - gap_rate_mps)
+    row.heard_s += dt_s
+    share = dt_s / min(row.heard_s, p.memory_s)
+    settled = row.heard_s > SETTLE_S
+    for k in range(2):
+        row.smooth[k] += (1.0 - exp(-dt_s / SMOOTH_S)) * (off[k] - row.offset[k] - row.smooth[k])
+        if settled:
+            check.statistic = max(check.statistic, abs(row.smooth[k]) / sqrt(row.smooth_ms[k] + MINOR[k] ** 2))
+    gate = tail_gate(row.tail, p.tail)
+    check.gate = gate
+    check.p_value = min(1.0, alarms_per_hour(row.tail, check.statistic, p.tail) * dt_s / 3600.0)
+    check.warming = row.heard_s < p.warming_s
+    check.anomalous = not check.warming and check.statistic > gate
+    if not check.warming:
+        tail_learn(row.tail, check.statistic, gate, dt_s, p.tail)
+    if check.anomalous:
+        row.disputed_s += dt_s
+        return
+    row.disputed_s = 0.0
+    for k in range(2):
+        cut = OUTLIER * sqrt(row.smooth_ms[k] + MINOR[k] ** 2) if settled else np.inf
+        row.offset[k] += share * min(max(off[k] - row.offset[k], -cut), cut)
+        row.smooth_ms[k] += share * (min(row.smooth[k] ** 2, cut**2) - row.smooth_ms[k])

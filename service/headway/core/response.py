@@ -1,0 +1,215 @@
+"""Does a follower answer the car ahead as its driver has done so far? The test that a consistent lie cannot pass.
+
+Each driver's response is a linear model with distributed delays, learnt per row by forgetful ridge regression at
+`tick_s`:
+
+    dv/dt = theta' [1, gap, v, v_leader - v, ln gap | leader's acceleration over the last LAGS ticks] + noise
+
+the first group as it stood one tick ago. What the model leaves unexplained, summed over two seconds, is a speed change
+without a cause, in m/s; two statistics, each in units of its own learnt standard deviation, make one:
+
+    step    the unexplained speed change over 2 s
+    dip     that change less the one over the 2 s before: a speed that leaves and comes back
+
+The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer);
+`own_mps` and `due_mps` say which of the two moved. Nothing is learnt from a tick beyond the gate, and little from one
+near it.
+"""
+
+from math import exp, isnan, log, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from headway.core.ridge import ridge_learn, ridge_solve
+from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
+
+OWN, LAGS = 5, 6
+COLUMNS = OWN + LAGS
+SPAN = 5
+"""Ticks summed: 2 s, half of a braking manoeuvre."""
+
+GAP_SCALE_M, SPEED_SCALE_MPS = 20.0, 10.0
+"""Bring the regressors to the order of one, so that one ridge serves all."""
+GAP_FLOOR_M = 0.5
+MINOR_MPS = 0.2
+"""An unexplained speed change of this size is never unusual, however steady the car has been."""
+OUTLIER = 3.0
+"""Standard deviations beyond which a tick teaches less."""
+SOLVE_EVERY = 5
+"""Ticks between two solutions for theta, which changes over minutes."""
+SETTLE_S = 10.0
+"""Before the regression has seen this much, its residual says nothing."""
+
+RESPONSE = np.dtype(
+    [
+        ("heard_s", "f8"),  # learnt from so far; 0: a fresh row
+        ("t_s", "f8"),  # of the last tick
+        ("v_mps", "f8"),
+        ("leader_t_s", "f8"),
+        ("leader_v_mps", "f8"),
+        ("ticks", "i8"),  # without a break, the last one included
+        ("before", "f8", (OWN,)),  # first group of regressors at the last tick
+        ("leader_a_mps2", "f8", (LAGS,)),  # newest first
+        ("A", "f8", (COLUMNS * (COLUMNS + 1) // 2,)),
+        ("b", "f8", (COLUMNS,)),
+        ("theta", "f8", (COLUMNS,)),
+        ("own_mps", "f8", (2 * SPAN,)),  # speed changes tick by tick, newest first
+        ("due_mps", "f8", (2 * SPAN,)),  # those that the model expected
+        ("residual_ms", "f8", (2,)),  # mean square of step and dip
+        ("natural_ms", "f8", (2,)),  # mean square of the same sums of own_mps: how much this car moves anyway
+        ("tail", TAIL),
+        ("statistic", "f8"),
+        ("gate", "f8"),
+        ("lean", "f8"),
+    ],
+    align=True,
+)
+"""One row; all zeros is a driver not seen yet."""
+
+
+class ResponseParams(NamedTuple):
+    """How a driver's response is learnt and judged."""
+
+    tail: TailParams
+    tick_s: float = 0.4
+    memory_s: float = 120.0
+    """Time constant of all that is learnt of a driver."""
+    warming_s: float = 60.0
+    """Learning before verdicts count; eleven coefficients need some hundred ticks."""
+    ridge: float = 1.0
+    """Weight of the prior theta = 0, in seconds of data with regressors of one."""
+    max_gap_s: float = 1.2
+    """A longer silence breaks the sums: they begin anew, what was learnt stays."""
+
+
+@njit(cache=True)
+def response_relink(row: Any) -> None:
+    """Another leader: the sums begin anew, what was learnt of the driver stays."""
+    row.ticks = 0
+    row.statistic = 0.0
+    row.lean = 0.0
+
+
+@njit(cache=True)
+def push(ring: Any, newest: float) -> None:
+    """Put `newest` first and drop the last."""
+    for k in range(ring.size - 1, 0, -1):
+        ring[k] = ring[k - 1]
+    ring[0] = newest
+
+
+@njit(cache=True)
+def observe(row: Any, z: Any, gap_m: float) -> None:
+    """Remember this tick as the cause of the next."""
+    gap = max(gap_m, GAP_FLOOR_M)
+    row.before[0] = 1.0
+    row.before[1] = gap / GAP_SCALE_M
+    row.before[2] = z.v_mps / SPEED_SCALE_MPS
+    row.before[3] = z.leader_v_mps - z.v_mps
+    row.before[4] = log(gap)
+    row.t_s, row.v_mps = z.t_s, z.v_mps
+    row.leader_t_s, row.leader_v_mps = z.leader_t_s, z.leader_v_mps
+    row.ticks += 1
+
+
+@njit(cache=True)
+def sums(row: Any) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return (own, due) of the step and of the dip, m/s."""
+    own, due, own_before, due_before = 0.0, 0.0, 0.0, 0.0
+    for k in range(SPAN):
+        own += row.own_mps[k]
+        due += row.due_mps[k]
+        own_before += row.own_mps[SPAN + k]
+        due_before += row.due_mps[SPAN + k]
+    return (own, due), (own - own_before, due - due_before)
+
+
+@njit(cache=True)
+def judge(row: Any, p: ResponseParams) -> None:
+    """Write statistic, gate and lean, from the sums over the last two spans."""
+    row.gate = tail_gate(row.tail, p.tail)
+    row.statistic, row.lean = 0.0, 0.0
+    if row.heard_s < SETTLE_S:
+        return
+    for which, (own, due) in enumerate(sums(row)):
+        z = abs(own - due) / sqrt(row.residual_ms[which] + MINOR_MPS**2)
+        if z > row.statistic:
+            row.statistic = z
+            row.lean = 0.5 * (own**2 - due**2) / (row.natural_ms[which] + MINOR_MPS**2)
+
+
+@njit(cache=True)
+def learn_scale(row: Any, dt_s: float, p: ResponseParams) -> None:
+    """Follow the mean squares of the sums, each square cut at OUTLIER standard deviations."""
+    share = dt_s / min(row.heard_s, p.memory_s)
+    cut = OUTLIER**2 if row.heard_s > SETTLE_S else np.inf
+    for which, (own, due) in enumerate(sums(row)):
+        residual, natural = row.residual_ms[which], row.natural_ms[which]
+        row.residual_ms[which] += share * (min((own - due) ** 2, cut * (residual + MINOR_MPS**2)) - residual)
+        row.natural_ms[which] += share * (min(own**2, cut * (natural + MINOR_MPS**2)) - natural)
+
+
+@njit(cache=True)
+def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
+    """One step of the regression: expect, compare, judge, learn."""
+    leader_dt_s = z.leader_t_s - row.leader_t_s
+    push(row.leader_a_mps2, (z.leader_v_mps - row.leader_v_mps) / leader_dt_s if leader_dt_s > 0.5 * dt_s else 0.0)
+    phi = np.empty(COLUMNS)
+    for k in range(OWN):
+        phi[k] = row.before[k]
+    for k in range(LAGS):
+        phi[OWN + k] = row.leader_a_mps2[k]
+    due = 0.0
+    for k in range(COLUMNS):
+        due += phi[k] * row.theta[k]
+    own = z.v_mps - row.v_mps
+    push(row.own_mps, own)
+    push(row.due_mps, due * dt_s)
+    if row.ticks <= LAGS:
+        return
+    warm = row.heard_s >= p.warming_s
+    if row.ticks > 2 * SPAN:
+        judge(row, p)
+        if warm:
+            tail_learn(row.tail, row.statistic, row.gate, dt_s, p.tail)
+    row.heard_s += dt_s
+    if warm and row.statistic > row.gate:
+        return
+    if row.ticks > 2 * SPAN:
+        learn_scale(row, dt_s, p)
+    weight = dt_s * min(1.0, (OUTLIER / max(row.statistic, OUTLIER)) ** 2)
+    ridge_learn(row.A, row.b, phi, own / dt_s, exp(-dt_s / p.memory_s), weight)
+    if row.ticks % SOLVE_EVERY == 0:
+        ridge_solve(row.A, row.b, p.ridge, row.theta)
+
+
+@njit(cache=True)
+def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
+    """Take one READING into one RESPONSE row and write what stands now into a CHECK.
+
+    Between ticks the last verdict stands. Without a leader there is nothing to answer: the check says `warming`.
+    """
+    check.warming = True
+    check.anomalous = False
+    check.statistic = 0.0
+    check.lean = 0.0
+    if isnan(z.leader_t_s):
+        response_relink(row)
+        return
+    dt_s = z.t_s - row.t_s
+    begun = row.ticks > 0 and dt_s <= p.max_gap_s
+    if not begun or dt_s > 0.875 * p.tick_s:
+        gap_m = z.leader_x_m + z.leader_v_mps * (z.t_s - z.leader_t_s) - z.leader_length_m - z.x_m
+        if begun:
+            tick(row, z, dt_s, p)
+        else:
+            response_relink(row)
+        observe(row, z, gap_m)
+    check.statistic = row.statistic
+    check.lean = row.lean
+    check.gate = row.gate
+    check.p_value = min(1.0, alarms_per_hour(row.tail, row.statistic, p.tail) * p.tick_s / 3600.0)
+    check.warming = row.heard_s < p.warming_s or row.ticks <= 2 * SPAN + 1
+    check.anomalous = not check.warming and row.statistic > row.gate

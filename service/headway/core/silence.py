@@ -1,0 +1,116 @@
+"""Misses: a sender that has stopped, judged by its own interval and by witnesses.
+
+Silence alone proves nothing: the vehicle may have left, changed its pseudonym, or the roadside unit itself may be deaf.
+A miss is stated while it lasts when the car ahead or the car behind is still heard, and afterwards when the sender
+comes back and others were heard meanwhile. It is never stated before `miss_after_s`: congestion control may stretch the
+interval to 600 ms (SAE J2945/1).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.batch import F64, I64
+from headway.core.records import Kind, Sensor
+from headway.core.turn import AnomalyEvent, Phase
+from headway.core.vehicles import VehicleTable
+
+INTERVALS = 3.0
+"""A sender is late after so many of its own mean intervals."""
+
+
+def limit_us(interval_s: F64, miss_after_s: float) -> I64:
+    """Return the silence (us) after which each sender is late."""
+    limit: I64 = (1e6 * np.maximum(miss_after_s, INTERVALS * interval_s)).astype(np.int64)
+    return limit
+
+
+def last_witness_us(heard_us: I64, rows: I64, leaders: I64) -> I64:
+    """Return, for each of `rows` (B,), when its leader or any of its followers was last heard; 0 without any.
+
+    `heard_us` is (C,), `leaders` (B,) the row of each one's leader, -1 for none.
+    """
+    witness = np.zeros_like(heard_us)
+    paired = leaders >= 0
+    followers, ahead = rows[paired], leaders[paired]
+    np.maximum.at(witness, ahead, heard_us[followers])
+    witness[followers] = np.maximum(witness[followers], heard_us[ahead])
+    return witness[rows]
+
+
+def late(now_us: int, heard_us: I64, witness_us: I64, limit: I64) -> NDArray[np.bool_]:
+    """Return which senders are silent beyond their limit while a neighbour has been heard since."""
+    overdue: NDArray[np.bool_] = (now_us - heard_us > limit) & (witness_us > heard_us + limit // 2)
+    return overdue
+
+
+class Ear:
+    """When anything at all was heard, in buckets of 100 ms over the last minute: our own deafness is nobody's miss."""
+
+    BUCKET_US = 100_000
+    BUCKETS = 600
+    OPEN_SHARE = 0.8
+
+    def __init__(self) -> None:
+        self._heard: I64 = np.zeros(self.BUCKETS, np.int64)
+
+    def hear(self, received_us: I64) -> None:
+        """Take in the receive times of a batch."""
+        buckets = received_us // self.BUCKET_US
+        self._heard[buckets % self.BUCKETS] = buckets
+
+    def was_open(self, from_us: int, to_us: int) -> bool:
+        """Whether others were heard most of the time strictly between two receive times."""
+        buckets = np.arange(from_us // self.BUCKET_US + 1, to_us // self.BUCKET_US)[-self.BUCKETS :]
+        if buckets.size == 0:
+            return False
+        return bool((self._heard[buckets % self.BUCKETS] == buckets).mean() >= self.OPEN_SHARE)
+
+
+class MissLog:
+    """Misses under way, by row."""
+
+    def __init__(self, vehicles: VehicleTable, capacity: int) -> None:
+        self._vehicles = vehicles
+        self._ids: dict[int, str] = {}
+        self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+
+    def __len__(self) -> int:
+        """Return how many misses are under way."""
+        return len(self._ids)
+
+    def begin(self, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+        """State that a row is silent since its message of event time `t_us`, received at `heard_us`."""
+        self._ids[row] = f"{self._vehicles.id_of[row]}-{t_us}-{Kind.MISS.label}"
+        self.active[row] = True
+        return self._state(Phase.ONSET, row, leader, t_us, heard_us)
+
+    def end(self, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+        """State that a silent row was heard again, or is forgotten."""
+        event = self._state(Phase.CLEARED, row, leader, t_us, heard_us)
+        del self._ids[row]
+        self.active[row] = False
+        return event
+
+    def _state(self, phase: Phase, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+        suspect = self._vehicles.id_of[row]
+        assert suspect is not None
+        nothing = float("nan")
+        return AnomalyEvent(
+            event_id=self._ids[row],
+            phase=phase,
+            kind=Kind.MISS,
+            sensor=Sensor.BOTH,
+            confidence=1.0,
+            suspect=suspect,
+            leader=self._vehicles.id_of[leader] if leader >= 0 else None,
+            follower=suspect,
+            t_us=t_us,
+            received_us=heard_us,
+            nis=nothing,
+            gate=nothing,
+            statistic=nothing,
+            p_value=nothing,
+            nu=(nothing, nothing),
+            recovered=(nothing, nothing, nothing, nothing),
+            evidence=None,
+        )

@@ -1,0 +1,58 @@
+"""Which vehicle has which row: bounded, and rows of the forgotten are used again."""
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.batch import I64
+
+
+class VehicleTable:
+    """Ids to rows, both ways. `serial` tells a row's tenants apart: it changes whenever a row changes hands."""
+
+    def __init__(self, capacity: int) -> None:
+        self.row_of: dict[str, int] = {}
+        self.id_of: list[str | None] = [None] * capacity
+        self.serial: I64 = np.zeros(capacity, np.int64)
+        self.in_use: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+        self._free = list(range(capacity - 1, -1, -1))
+        self._serial = 0
+
+    def __len__(self) -> int:
+        """Return how many vehicles are known."""
+        return len(self.row_of)
+
+    def rows(self, ids: list[str]) -> I64:
+        """Return (B,) the row of each id; -1 where it has none."""
+        get = self.row_of.get
+        return np.array([get(i, -1) for i in ids], np.int64)
+
+    def admit(self, ids: Iterable[str]) -> list[int]:
+        """Give a row to each new id, in sorted order so that the order of arrival is of no account.
+
+        Stops when the table is full: the ids left over stay without a row. Returns the rows given.
+        """
+        given = []
+        for vehicle in sorted(ids):
+            if not self._free:
+                break
+            row = self._free.pop()
+            self._serial += 1
+            self.row_of[vehicle] = row
+            self.id_of[row] = vehicle
+            self.serial[row] = self._serial
+            self.in_use[row] = True
+            given.append(row)
+        return given
+
+    def forget(self, row: int) -> None:
+        """Free a row."""
+        vehicle = self.id_of[row]
+        if vehicle is None:
+            raise ValueError(f"row {row} is free already")
+        del self.row_of[vehicle]
+        self.id_of[row] = None
+        self.in_use[row] = False
+        self.serial[row] = 0
+        self._free.append(row)
