@@ -102,10 +102,18 @@ def from_map(fields: dict[str, Any]) -> Bsm:
 
 
 def from_record(record: Sequence[Any]) -> Bsm:
-    """Read a compact record. Raises `pydantic.ValidationError`, or ValueError for one with too many fields."""
+    """Read a compact record.
+
+    Raises
+    ------
+    pydantic.ValidationError
+        A field is not what the model allows.
+    ValueError
+        The record or its leader has too many fields, or the leader is no array.
+    """
     fields = _named(FIELDS, record)
     leader = fields.get("leader")
-    if isinstance(leader, list | tuple):
+    if leader is not None:
         fields["leader"] = _named(LEADER_FIELDS, leader)
     return Bsm.model_validate(fields)
 
@@ -117,6 +125,8 @@ def _cut(record: list[Any]) -> list[Any]:
 
 
 def _named(names: tuple[str, ...], values: Sequence[Any]) -> dict[str, Any]:
+    if not isinstance(values, list | tuple):
+        raise ValueError(f"{type(values).__name__} where an array is meant")  # noqa: TRY004
     if len(values) > len(names):
         raise ValueError(f"{len(values)} fields where {len(names)} are the most")
     return dict(zip(names, values, strict=False))

@@ -13,3 +13,8 @@ EVENT_JSON: Final = "application/json;event.v1"
 PAIR_STATE_JSON: Final = "application/json;pair_state.v1"
 HEALTH_JSON: Final = "application/json;health.v1"
 REJECTED_JSON: Final = "application/json;rejected.v1"
+
+EVENTS_JSON: Final = "application/json;events.v1"
+"""An array of events: the answer of the queryable `alerts`."""
+PAIR_STATES_JSON: Final = "application/json;pair_states.v1"
+"""An array of pair states: the answer of the queryable `pairs`."""

@@ -5,7 +5,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from headway_schemas.fields import Blob, Id, Message, Number, TUs
+from headway_schemas.fields import Blob, Id, Message, Number, Share, TUs
 
 
 class Phase(StrEnum):
@@ -97,7 +97,8 @@ class Evidence(Message):
 class Event(Message):
     """One step in the life of an anomaly."""
 
-    event_id: Id
+    event_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.~-]{1,128}$")]
+    """Longer than an identifier, since it may be made of one."""
     phase: Phase
     kind: Kind
     sensor: Sensor
@@ -122,7 +123,7 @@ class Event(Message):
     latency_us: Annotated[dict[Stage, int], Field(default_factory=dict)]
     model: str
     config_hash: str
-    confidence: Annotated[float, Field(ge=0.0, le=1.0)] | None = None
+    confidence: Share = None
     """How sure the diagnosis of kind and sensor is."""
     etsi_target: EtsiTarget | None = None
     evidence: Evidence | None = None

@@ -16,7 +16,7 @@ T_US_MAX: Final = 2**53 - 1
 class Message(BaseModel):
     """What every message shares: immutable, no silent conversion between types, no unknown field."""
 
-    model_config = ConfigDict(frozen=True, strict=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, strict=True, extra="forbid", use_attribute_docstrings=True)
 
 
 def _unknown_unless_finite(value: object) -> object:
@@ -40,6 +40,9 @@ TUs = Annotated[int, Field(ge=0, le=T_US_MAX, json_schema_extra={"unit": "us"})]
 
 Number = Annotated[float | None, BeforeValidator(_unknown_unless_finite)]
 """A number of ours, null where it is unknown; NaN and infinities are turned into null."""
+
+Share = Annotated[Annotated[float, Field(ge=0.0, le=1.0)] | None, BeforeValidator(_unknown_unless_finite)]
+"""A number of ours from 0 to 1, null where it is unknown."""
 
 Blob = Annotated[
     bytes,

@@ -9,13 +9,20 @@ from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
 from headway.core.batch import F64, I64
-from headway.core.pairing import NOBODY, gaps_m, leader_of, look, new_grid, new_pairing
+from headway.core.neighbours import new_grid
+from headway.core.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
 from headway.core.records import Records
 from headway.core.tracks import advance, leave_crumb, new_tracks
 
 START_US = 1_700_000_000_000_000
 STEP_S = 0.1
 ORIGIN = (48.14, 11.56)
+
+Reading = tuple[float, float, float, float]
+"""Latitude, longitude, speed, heading in degrees."""
+
+Spoil = Callable[[int, float, Reading], Reading]
+"""What a receiver makes of the true reading of a row at a time in seconds."""
 
 Motion = Callable[[float], float]
 """A quantity of a car, given the seconds since the start."""
@@ -68,7 +75,7 @@ class Car:
     offset_m: tuple[float, float] = (0.0, 0.0)
     declares_heading: bool = True
 
-    def reading(self, t_s: float) -> tuple[float, float, float, float]:
+    def reading(self, t_s: float) -> Reading:
         """Return lat, lon, speed, heading in degrees."""
         h = 1e-3
         east, north, _ = self.road.place(self.s_m(t_s), self.left_m(t_s))
@@ -167,7 +174,7 @@ class Noise:
     def __post_init__(self) -> None:
         self.rng = np.random.default_rng(self.seed)
 
-    def __call__(self, row: int, _t_s: float, reading: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
+    def __call__(self, row: int, _t_s: float, reading: Reading) -> Reading:
         """Return the reading as the receiver gives it; the error of position wanders and stays within a metre."""
         wandered = 0.999 * self.walk.get(row, np.zeros(2)) + self.rng.normal(0.0, self.step_m, 2)
         self.walk[row] = wandered
@@ -195,9 +202,6 @@ class Record:
         """Return (time, new leader) of each change of leader of one car."""
         at = np.flatnonzero(np.diff(self.leader[:, row], prepend=NOBODY))
         return [(round(float(self.t_s[k]), 3), int(self.leader[k, row])) for k in at]
-
-
-Spoil = Callable[[int, float, tuple[float, float, float, float]], tuple[float, float, float, float]]
 
 
 def drive(

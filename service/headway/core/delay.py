@@ -22,10 +22,13 @@ def slots(delay_s: float) -> int:
 
 
 @njit(cache=True)
-def _slot(times: Any, count: int, t: float) -> int:
-    """Index that a new entry at `t` takes: the newest one's own when the one before it is too close."""
+def _slot(times: Any, count: int) -> int:
+    """Index that a new entry takes: the newest one's own when that stands too close to the one before it.
+
+    So entries are `SPACING_S` apart save the newest, and a ring of `slots` reaches back however often a sender speaks.
+    """
     size = times.size
-    if count >= 2 and t - times[(count - 2) % size] < SPACING_S:
+    if count >= 2 and times[(count - 1) % size] - times[(count - 2) % size] < SPACING_S:
         return count - 1
     return count
 
@@ -33,7 +36,7 @@ def _slot(times: Any, count: int, t: float) -> int:
 @njit(cache=True)
 def push_own(row: Any, t: float) -> None:
     """Remember the row's present estimate as that of time `t`."""
-    at = _slot(row.own_t, row.own_count, t)
+    at = _slot(row.own_t, row.own_count)
     row.own_count = at + 1
     k = at % row.own_t.size
     row.own_t[k] = t
@@ -46,7 +49,7 @@ def push_input(row: Any, t: float, x_m: float, v_mps: float, length_m: float) ->
     """Remember the leader's sample, under its own time stamp; older ones than the newest are ignored."""
     if row.input_count > 0 and t <= row.input_t[(row.input_count - 1) % row.input_t.size]:
         return
-    at = _slot(row.input_t, row.input_count, t)
+    at = _slot(row.input_t, row.input_count)
     row.input_count = at + 1
     k = at % row.input_t.size
     row.input_t[k] = t

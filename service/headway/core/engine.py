@@ -4,22 +4,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import expit
 
 from headway.core import bank as banks
-from headway.core import models, pairing, silence, tracks
+from headway.core import models, neighbours, pairing, silence, tracks
 from headway.core.batch import I64, Batch
 from headway.core.config import DetectorConfig
 from headway.core.events import EventLog
 from headway.core.evidence import EvidenceStore
 from headway.core.gather import gather
 from headway.core.geometry import metres_per_degree
+from headway.core.link import LINK, LINK_VERDICT, link_params, step_links
 from headway.core.outcome import Outcome
-from headway.core.records import Sensor
+from headway.core.records import Kind, Records, Sensor
 from headway.core.turn import AnomalyEvent, PairStates, Turn
 from headway.core.vehicles import VehicleTable
 
 HOUSEKEEPING_US = 100_000
 """How often silence and forgetting are looked at."""
+
+LINK_SHARE = 0.5
+"""Of the alarm budget, what the tests between two cars may spend; the rest is the filter's."""
 
 RENAMED_WITHIN_M, RENAMED_SHARE = 5.0, 0.2
 """A new vehicle this near to where a silent one would be (plus a share of the way it may have gone) is that vehicle."""
@@ -45,16 +50,19 @@ class Engine:
     def __init__(self, config: DetectorConfig) -> None:
         capacity = config.vehicle_capacity
         self._config = config
-        self._model = models.build(config)
+        budget = (1.0 - LINK_SHARE) * config.alarm_budget_per_hour
+        self._model = models.build(replace(config, alarm_budget_per_hour=budget))
         self._vehicles = VehicleTable(capacity)
         self._tracks = tracks.new_tracks(capacity)
         self._pairing = pairing.new_pairing(capacity)
-        self._grid = pairing.new_grid(capacity)
-        self._bank = np.zeros(capacity, self._model.dtype)
+        self._grid = neighbours.new_grid(capacity)
+        self._bank = np.zeros(capacity, [("model", self._model.dtype), ("link", LINK)])
+        self._link_params = link_params(LINK_SHARE * config.alarm_budget_per_hour)
         self._verdicts = banks.verdicts(capacity)
         self._judged_t_s = np.zeros(capacity)
         self._evidence = EvidenceStore(self._bank, config.evidence_readings)
         self._events = EventLog(self._vehicles, self._evidence, capacity)
+        self._link_events = EventLog(self._vehicles, self._evidence, capacity, suffix="-link")
         self._misses = silence.MissLog(self._vehicles, capacity)
         self._ear = silence.Ear()
         self._first_heard_us = np.zeros(capacity, np.int64)
@@ -73,7 +81,7 @@ class Engine:
     @property
     def active_events(self) -> int:
         """Events under way."""
-        return len(self._events) + len(self._misses)
+        return len(self._events) + len(self._link_events) + len(self._misses)
 
     def step(self, batch: Batch, now_us: int) -> Turn:
         """Judge a batch at local time `now_us` (Unix microseconds); an empty batch lets time pass.
@@ -87,7 +95,7 @@ class Engine:
         outcomes[age_us < -self._config.max_ahead_s * 1e6] = Outcome.FROM_THE_FUTURE
         rows = self._rows(batch, outcomes)
         taken = np.flatnonzero(outcomes == Outcome.SCORED)
-        order = taken[np.argsort(batch.t_us[taken], kind="stable")]
+        order = taken[np.lexsort((rows[taken], batch.t_us[taken]))]
         self._ear.hear(batch.received_us)
         for wave in _waves(rows, order):
             self._wave(batch, rows, wave, now_us, outcomes, tally)
@@ -166,7 +174,7 @@ class Engine:
         )
         verdicts = banks.verdicts(rows.size)
         self._evidence.remember(self._bank, rows, readings)
-        self._model.step_batch(self._bank, rows, readings, self._model.params, verdicts)
+        self._model.step_batch(self._bank["model"], rows, readings, self._model.params, verdicts)
         self._verdicts[rows] = verdicts
         self._judged_t_s[rows] = readings["t_s"]
 
@@ -190,8 +198,34 @@ class Engine:
         tally.repairs += int(verdicts["repaired"].sum())
         tally.restarts += int(verdicts["restarted"].sum())
         t_us, received_us = batch.t_us[wave], batch.received_us[wave]
-        tally.events += self._events.judge(rows, leaders, t_us, received_us, verdicts)
+        tally.events += self._events.judge(rows, rows, leaders, t_us, received_us, verdicts)
+        self._judge_links(rows, leaders, readings, verdicts, t_us, received_us, tally)
         self._heard_again(rows, leaders, silent_us, heard_us, t_us, received_us, tally)
+
+    def _judge_links(
+        self, rows: I64, leaders: I64, readings: Records, verdicts: Records, t_us: I64, received_us: I64, tally: _Tally
+    ) -> None:
+        """Test what the filter left standing of each reading against the car ahead; events name the suspect."""
+        standing = readings.copy()
+        false_x, false_v = verdicts["sensor"] & int(Sensor.LOCATION) != 0, verdicts["sensor"] & int(Sensor.SPEED) != 0
+        standing["x_m"][false_x] = verdicts["x_m"][false_x]
+        standing["v_mps"][false_v] = verdicts["v_mps"][false_v]
+        links = np.zeros(rows.size, LINK_VERDICT)
+        step_links(self._bank["link"], rows, leaders, standing, self._link_params, links)
+        concerned = np.flatnonzero((links["kind"] != Kind.NONE) | self._link_events.active[rows])
+        if not concerned.size:
+            return
+        links, said = links[concerned], verdicts[concerned]
+        check = np.where(links["kind"] == Kind.RANGE, links["ranging"], links["response"])
+        for name in ("statistic", "gate", "p_value"):
+            said[name] = check[name]
+        said["kind"], said["sensor"], said["anomalous"] = links["kind"], Sensor.LINK, links["kind"] != Kind.NONE
+        odds = links["follower_log_odds"]
+        said["confidence"] = expit(np.abs(odds))
+        rows, leaders = rows[concerned], leaders[concerned]
+        suspects = np.where((odds < 0.0) & (leaders >= 0), leaders, rows)
+        tally.anomalous += int(said["anomalous"].sum())
+        tally.events += self._link_events.judge(rows, suspects, leaders, t_us[concerned], received_us[concerned], said)
 
     def _heard_again(
         self, rows: I64, leaders: I64, silent_us: I64, heard_us: I64, t_us: I64, received_us: I64, tally: _Tally
@@ -246,6 +280,7 @@ class Engine:
             track = self._tracks[row]
             tally.events.append(self._misses.end(row, -1, int(track["t_us"]), int(track["received_us"])))
         self._events.drop(row)
+        self._link_events.drop(row)
         tracks.forget(self._tracks, np.array([row]))
         self._evidence.forget(row)
         self._bank[row] = 0
@@ -281,7 +316,7 @@ class Engine:
             gate=verdict["gate"],
             nis=verdict["nis"],
             warming=verdict["warming"],
-            anomalous=self._events.active[rows],
+            anomalous=self._events.active[rows] | self._link_events.active[rows],
             silent=self._misses.active[rows],
         )
 

@@ -1,6 +1,7 @@
 """From verdicts to events: onset, update, cleared; one at a time for each vehicle, its id the same throughout."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,21 @@ class _Open:
     quiet: int = 0
 
 
-class EventLog:
-    """Events under way, by row."""
+class _Of(NamedTuple):
+    """Whom a verdict concerns, as rows (leader -1: none), and when."""
 
-    def __init__(self, vehicles: VehicleTable, evidence: EvidenceStore, capacity: int) -> None:
+    row: int
+    suspect: int
+    leader: int
+    t_us: int
+    received_us: int
+
+
+class EventLog:
+    """Events under way, by row. `suffix` tells the ids of one log from those of another."""
+
+    def __init__(self, vehicles: VehicleTable, evidence: EvidenceStore, capacity: int, suffix: str = "") -> None:
+        self._suffix = suffix
         self._vehicles = vehicles
         self._evidence = evidence
         self._open: dict[int, _Open] = {}
@@ -41,18 +53,22 @@ class EventLog:
         """Return how many events are under way."""
         return len(self._open)
 
-    def judge(self, rows: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records) -> list[AnomalyEvent]:
-        """Take one verdict for each of the distinct `rows` and return what is to be said; `leaders` is -1 for none."""
+    def judge(
+        self, rows: I64, suspects: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records
+    ) -> list[AnomalyEvent]:
+        """Take one verdict for each of the distinct `rows` and return what is to be said.
+
+        `suspects` are the rows to blame, each the row itself or its leader; `leaders` is -1 for none.
+        """
         concerned = np.flatnonzero(verdicts["anomalous"] | self.active[rows])
         said = []
         for i in concerned:
-            phase = self._advance(int(rows[i]), int(t_us[i]), verdicts[i])
+            of = _Of(*(int(column[i]) for column in (rows, suspects, leaders, t_us, received_us)))
+            phase = self._advance(of, verdicts[i])
             if phase is not None:
-                said.append(
-                    self._state(phase, int(rows[i]), int(leaders[i]), int(t_us[i]), int(received_us[i]), verdicts[i])
-                )
-                if phase is Phase.CLEARED:
-                    self.drop(int(rows[i]))
+                said.append(self._state(phase, of, verdicts[i]))
+            if phase is Phase.CLEARED:
+                self.drop(of.row)
         return said
 
     def drop(self, row: int) -> None:
@@ -60,12 +76,13 @@ class EventLog:
         self._open.pop(row, None)
         self.active[row] = False
 
-    def _advance(self, row: int, t_us: int, verdict: np.void) -> Phase | None:
+    def _advance(self, of: _Of, verdict: np.void) -> Phase | None:
+        row, t_us = of.row, of.t_us
         event = self._open.get(row)
         if event is None:
             vehicle = self._vehicles.id_of[row]
             self._open[row] = _Open(
-                f"{vehicle}-{t_us}", Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"])), t_us
+                f"{vehicle}-{t_us}{self._suffix}", Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"])), t_us
             )
             self.active[row] = True
             return Phase.ONSET
@@ -79,11 +96,10 @@ class EventLog:
         event.kind, event.sensor, event.stated_us = kind, sensor, t_us
         return Phase.UPDATE
 
-    def _state(
-        self, phase: Phase, row: int, leader: int, t_us: int, received_us: int, verdict: np.void
-    ) -> AnomalyEvent:
-        event = self._open[row]
-        suspect = self._vehicles.id_of[row]
+    def _state(self, phase: Phase, of: _Of, verdict: np.void) -> AnomalyEvent:
+        event = self._open[of.row]
+        follower, suspect = self._vehicles.id_of[of.row], self._vehicles.id_of[of.suspect]
+        assert follower is not None
         assert suspect is not None
         return AnomalyEvent(
             event_id=event.event_id,
@@ -92,10 +108,10 @@ class EventLog:
             sensor=event.sensor,
             confidence=float(verdict["confidence"]),
             suspect=suspect,
-            leader=self._vehicles.id_of[leader] if leader >= 0 else None,
-            follower=suspect,
-            t_us=t_us,
-            received_us=received_us,
+            leader=self._vehicles.id_of[of.leader] if of.leader >= 0 else None,
+            follower=follower,
+            t_us=of.t_us,
+            received_us=of.received_us,
             nis=float(verdict["nis"]),
             gate=float(verdict["gate"]),
             statistic=float(verdict["statistic"]),
@@ -107,5 +123,5 @@ class EventLog:
                 float(verdict["x_std_m"]),
                 float(verdict["v_std_mps"]),
             ),
-            evidence=self._evidence.of(row),
+            evidence=self._evidence.of(of.row),
         )

@@ -21,6 +21,7 @@ from numba import njit
 
 from headway.core.car_following import IdmParams, idm
 from headway.core.delay import input_at, own_at, push_input, push_own
+from headway.core.episode import close, kind_of, take
 from headway.core.records import Sensor
 
 SUBSTEP_S = 0.1
@@ -218,6 +219,7 @@ def begin(row: Any, z: Any, p: FilterParams) -> None:
         row.P[a, a] = p.p0
     row.own_count = 0
     row.rejections = 0
+    close(row.episode)
     push_own(row, z.t_s)
 
 
@@ -256,21 +258,26 @@ def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
     else:
         verdict.repaired = predict(row, z.t_s, p)
         nu_x, nu_v, s_xx, s_xv, s_vv, nis = innovate(row, z.x_m, z.v_mps, p)
-        verdict.anomalous = row.count >= p.warming_readings and nis > p.gate
+        # Written so that a nis that is no number is anomalous: it is rejected, and the restart heals the row.
+        verdict.anomalous = row.count >= p.warming_readings and not nis <= p.gate
         if not verdict.anomalous:
             row.rejections = 0
+            close(row.episode)
             verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv)
             if row.s.size == 3 and abs(row.s[2]) > p.delta_limit_m:
                 row.s[2] = 0.0
             push_own(row, z.t_s)
-        elif row.rejections + 1 < p.rejections_max:
+        else:
             row.rejections += 1
             verdict.sensor = isolate(nu_x, nu_v, s_xx, s_vv, p.sensor_gate)
-            push_own(row, z.t_s)
-        else:
-            verdict.restarted = True
-            verdict.sensor = isolate(nu_x, nu_v, s_xx, s_vv, p.sensor_gate)
-            begin(row, z, p)
+            by_speed = nu_v**2 * s_xx > nu_x**2 * s_vv
+            take(row.episode, nu_v if by_speed else nu_x)
+            verdict.kind, verdict.confidence = kind_of(row.episode, p.r_v if by_speed else p.r_x)
+            if row.rejections < p.rejections_max:
+                push_own(row, z.t_s)
+            else:
+                verdict.restarted = True
+                begin(row, z, p)
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
     verdict.nis = nis

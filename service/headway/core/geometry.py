@@ -42,6 +42,6 @@ def displacement_m(from_lat_deg: float, from_lon_deg: float, lat_deg: float, lon
 
 @njit(cache=True)
 def displaced_deg(lat_deg: float, lon_deg: float, east_m: float, north_m: float) -> tuple[float, float]:
-    """Return (lat_deg, lon_deg) of the position so far east and north: the inverse of `displacement_m` for steps of metres."""
+    """Return (lat_deg, lon_deg) that far from a position: the inverse of `displacement_m`, for some metres."""
     east_per_degree, north_per_degree = metres_per_degree(lat_deg)
     return lat_deg + north_m / north_per_degree, wrap_degrees(lon_deg + east_m / east_per_degree)

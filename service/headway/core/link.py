@@ -13,13 +13,16 @@ from headway.core.check import CHECK
 from headway.core.ranging import RANGING, RangingParams, ranging_relink, ranging_step
 from headway.core.records import Kind
 from headway.core.response import RESPONSE, ResponseParams, response_relink, response_step
-from headway.core.suspect import WITNESS, follower_log_odds, testify
+from headway.core.suspect import WITNESS, bear_witness, follower_log_odds, held
 from headway.core.tail import TailParams
 
 LINK = np.dtype(
     [
         ("leader", "i8"),  # row of the leader, counted from 1; 0: nobody ahead
-        ("witness", WITNESS),
+        ("log_odds", "f8"),  # the strongest statement about this pair of late: above 0 the follower lies
+        ("log_odds_t_s", "f8"),
+        ("ranging_witness", WITNESS),
+        ("response_witness", WITNESS),
         ("ranging", RANGING),
         ("response", RESPONSE),
     ],
@@ -40,8 +43,12 @@ LINK_VERDICT = np.dtype(
 NONE, RESPONSE_KIND, RANGE_KIND = int(Kind.NONE), int(Kind.RESPONSE), int(Kind.RANGE)
 
 
+RANGING_SHARE = 0.1
+"""Of the budget: a lie stands far above any gate of the forward sensor, so that it can do with little."""
+
+
 class LinkParams(NamedTuple):
-    """Both tests; each has half of the budget given to links."""
+    """Numbers of both tests."""
 
     response: ResponseParams
     ranging: RangingParams
@@ -49,8 +56,11 @@ class LinkParams(NamedTuple):
 
 def link_params(budget_per_hour: float) -> LinkParams:
     """Return the parameters that keep false alarms of both tests together within `budget_per_hour` per pair."""
-    tail = TailParams(budget_per_hour=0.5 * budget_per_hour)
-    return LinkParams(ResponseParams(tail), RangingParams(tail))
+    ranging_budget = RANGING_SHARE * budget_per_hour
+    return LinkParams(
+        ResponseParams(TailParams(budget_per_hour=budget_per_hour - ranging_budget)),
+        RangingParams(TailParams(budget_per_hour=ranging_budget)),
+    )
 
 
 @njit(cache=True)
@@ -62,22 +72,27 @@ def step_links(links: Any, rows: Any, leaders: Any, readings: Any, p: LinkParams
     for i in range(rows.size):
         link, z, verdict = links[rows[i]], readings[i], verdicts[i]
         if link.leader != leaders[i] + 1:
-            link.leader = leaders[i] + 1
+            link.leader, link.log_odds = leaders[i] + 1, 0.0
             response_relink(link.response)
             ranging_relink(link.ranging)
         response_step(link.response, z, p.response, verdict.response)
         ranging_step(link.ranging, z, p.ranging, verdict.ranging)
         verdict.kind, verdict.follower_log_odds = NONE, 0.0
-        if leaders[i] >= 0:
-            leader = links[leaders[i]]
-            said = 0.0
-            if not verdict.response.warming:
-                said = verdict.response.statistic
-            if not verdict.ranging.warming:
-                said = max(said, verdict.ranging.statistic)
-            testify(link.witness, leader.witness, said, z.t_s)
-            verdict.follower_log_odds = verdict.response.lean
-            if verdict.ranging.anomalous:
-                verdict.kind = RANGE_KIND
-            elif verdict.response.anomalous:
-                verdict.kind = RESPONSE_KIND
+        if leaders[i] < 0:
+            continue
+        leader, lean = links[leaders[i]], verdict.response.lean
+        if not verdict.response.warming:
+            bear_witness(link.response_witness, leader.response_witness, verdict.response.statistic, z.t_s)
+        if not verdict.ranging.warming:
+            bear_witness(link.ranging_witness, leader.ranging_witness, verdict.ranging.statistic, z.t_s)
+        if verdict.ranging.anomalous:
+            verdict.kind = RANGE_KIND
+            log_odds = follower_log_odds(link.ranging_witness, leader.ranging_witness, lean, z.t_s)
+        elif verdict.response.anomalous:
+            verdict.kind = RESPONSE_KIND
+            log_odds = follower_log_odds(link.response_witness, leader.response_witness, lean, z.t_s)
+        else:
+            continue
+        if abs(log_odds) > abs(held(link.log_odds, link.log_odds_t_s, z.t_s)):
+            link.log_odds, link.log_odds_t_s = log_odds, z.t_s
+        verdict.follower_log_odds = link.log_odds

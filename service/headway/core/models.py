@@ -11,6 +11,7 @@ from headway.core.bank import BatchKernel, RowKernel
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.delay import slots
+from headway.core.episode import EPISODE
 from headway.core.filter import FilterParams, step_batch, step_row
 
 READINGS_PER_HOUR = 36_000
@@ -36,6 +37,7 @@ def paper_dtype(order: int, delay_s: float) -> np.dtype[np.void]:
             ("count", "i8"),  # readings taken; 0: a row not begun
             ("t_s", "f8"),  # event time of s and P
             ("rejections", "i8"),  # in a row, up to now
+            ("episode", EPISODE),  # of the readings rejected in a row
             ("s", "f8", (n,)),
             ("P", "f8", (n, n)),
             ("own_count", "i8"),

@@ -1,4 +1,4 @@
-"""Do the locations and speeds of two cars agree with what the follower's forward sensor measures between them?
+"""Location and speed of two cars against what the follower's forward sensor measures between them.
 
     range      = (x_leader - length - x) + offset_m + noise
     range rate = (v_leader - v) + offset_mps + noise
@@ -6,8 +6,8 @@
 The offsets (where on each car its location refers to, where the sensor sits) are constants of the pair and are learnt;
 so are the spreads, which hold the slow wander of satellite positions as well. Both disagreements are averaged over
 `SMOOTH_S` (Roberts 1959, the exponentially weighted moving average chart), so that a slow lie adds up and one bad
-reading does not count; the larger one, in its own standard deviations, is the statistic. Which of the two cars is wrong the disagreement
-cannot say.
+reading does not count; the root of the sum of their squares, each in its own standard deviations, is the statistic.
+Which of the two cars is wrong the disagreement cannot say.
 """
 
 from math import exp, isnan, sqrt
@@ -19,8 +19,10 @@ from numba import njit
 from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
 
 SMOOTH_S = 0.5
-MINOR = (0.5, 0.2)
+MINOR = (0.3, 0.1)
 """Disagreements in m and m/s that are never unusual, however good both sensors have been."""
+UNHEARD_MPS2 = 1.0
+"""What a leader's acceleration may have been since its last sample."""
 OUTLIER = 3.0
 """Standard deviations beyond which a disagreement teaches no more."""
 SETTLE_S = 2.0
@@ -78,16 +80,20 @@ def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
         begin(row, z.t_s - 0.1)
     dt_s = min(z.t_s - row.t_s, p.max_gap_s)
     row.t_s = z.t_s
-    gap_m = z.leader_x_m + z.leader_v_mps * (z.t_s - z.leader_t_s) - z.leader_length_m - z.x_m
+    age_s = z.t_s - z.leader_t_s
+    gap_m = z.leader_x_m + z.leader_v_mps * age_s - z.leader_length_m - z.x_m
     gap_rate_mps = z.leader_v_mps - z.v_mps
     off = (z.range_m - gap_m, gap_rate_mps if isnan(z.range_rate_mps) else z.range_rate_mps - gap_rate_mps)
     row.heard_s += dt_s
     share = dt_s / min(row.heard_s, p.memory_s)
     settled = row.heard_s > SETTLE_S
+    unheard = (0.5 * UNHEARD_MPS2 * age_s**2, UNHEARD_MPS2 * age_s)
+    squares = 0.0
     for k in range(2):
         row.smooth[k] += (1.0 - exp(-dt_s / SMOOTH_S)) * (off[k] - row.offset[k] - row.smooth[k])
-        if settled:
-            check.statistic = max(check.statistic, abs(row.smooth[k]) / sqrt(row.smooth_ms[k] + MINOR[k] ** 2))
+        squares += row.smooth[k] ** 2 / (row.smooth_ms[k] + MINOR[k] ** 2 + unheard[k] ** 2)
+    if settled:
+        check.statistic = sqrt(squares)
     gate = tail_gate(row.tail, p.tail)
     check.gate = gate
     check.p_value = min(1.0, alarms_per_hour(row.tail, check.statistic, p.tail) * dt_s / 3600.0)

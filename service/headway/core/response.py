@@ -1,15 +1,16 @@
-"""Does a follower answer the car ahead as its driver has done so far? The test that a consistent lie cannot pass.
+"""Whether a follower answers the car ahead as its driver has done so far: a test that a consistent lie does not pass.
 
 Each driver's response is a linear model with distributed delays, learnt per row by forgetful ridge regression at
 `tick_s`:
 
     dv/dt = theta' [1, gap, v, v_leader - v, ln gap | leader's acceleration over the last LAGS ticks] + noise
 
-the first group as it stood one tick ago. What the model leaves unexplained, summed over two seconds, is a speed change
-without a cause, in m/s; two statistics, each in units of its own learnt standard deviation, make one:
+the first group as it stood one tick ago. What the model leaves unexplained, matched with half a sine of two
+seconds, is a smooth speed change without a cause, in m/s; two statistics, each in units of its own learnt standard
+deviation, make one:
 
-    step    the unexplained speed change over 2 s
-    dip     that change less the one over the 2 s before: a speed that leaves and comes back
+    step    the unexplained speed change of the last 2 s
+    dip     that change less the one of the 2 s before: a speed that leaves and comes back
 
 The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer);
 `own_mps` and `due_mps` say which of the two moved. Nothing is learnt from a tick beyond the gate, and little from one
@@ -28,19 +29,26 @@ from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail
 OWN, LAGS = 5, 6
 COLUMNS = OWN + LAGS
 SPAN = 5
-"""Ticks summed: 2 s, half of a braking manoeuvre."""
+"""Ticks of a pulse: 2 s, half of a braking manoeuvre."""
+PULSE = (0.4, 1.047, 1.294, 1.047, 0.4)
+"""Half a sine over SPAN, scaled so that a speed change of that shape is given back as it is."""
 
 GAP_SCALE_M, SPEED_SCALE_MPS = 20.0, 10.0
 """Bring the regressors to the order of one, so that one ridge serves all."""
 GAP_FLOOR_M = 0.5
+MEAN_DRIVER = (-0.1, 0.34, -0.16, 0.19, 0.01, 0.12, 0.0, 0.02, 0.15, 0.06, 0.24)
+"""Prior of theta: the mean over drivers of four collections, each of the same weight (humans and adaptive cruise
+control). Leaving any collection out moves no entry by more than 0.22."""
+TYPICAL_STEP_MPS, TYPICAL_MOTION_MPS = 0.6, 1.0
+"""Priors of the spreads: of what a driver leaves unexplained in 2 s, and of how much a speed changes."""
 MINOR_MPS = 0.2
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
 OUTLIER = 3.0
 """Standard deviations beyond which a tick teaches less."""
 SOLVE_EVERY = 5
 """Ticks between two solutions for theta, which changes over minutes."""
-SETTLE_S = 10.0
-"""Before the regression has seen this much, its residual says nothing."""
+FULL = LAGS + 2 * SPAN
+"""Ticks without a break that fill the sums."""
 
 RESPONSE = np.dtype(
     [
@@ -59,6 +67,7 @@ RESPONSE = np.dtype(
         ("due_mps", "f8", (2 * SPAN,)),  # those that the model expected
         ("residual_ms", "f8", (2,)),  # mean square of step and dip
         ("natural_ms", "f8", (2,)),  # mean square of the same sums of own_mps: how much this car moves anyway
+        ("disputed_s", "f8"),  # how long the statistic has been beyond the gate
         ("tail", TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
@@ -76,10 +85,14 @@ class ResponseParams(NamedTuple):
     tick_s: float = 0.4
     memory_s: float = 120.0
     """Time constant of all that is learnt of a driver."""
-    warming_s: float = 60.0
-    """Learning before verdicts count; eleven coefficients need some hundred ticks."""
-    ridge: float = 1.0
-    """Weight of the prior theta = 0, in seconds of data with regressors of one."""
+    warming_s: float = 45.0
+    """Learning before verdicts count: some hundred ticks for eleven coefficients and two spreads."""
+    ridge_s: float = 20.0
+    """Worth of the prior of theta, in seconds of regressors of one."""
+    spread_s: float = 40.0
+    """Worth of the priors of the spreads, in seconds."""
+    patience_s: float = 20.0
+    """Beyond the gate for so long, it is how this driver drives now, and is learnt."""
     max_gap_s: float = 1.2
     """A longer silence breaks the sums: they begin anew, what was learnt stays."""
 
@@ -87,9 +100,7 @@ class ResponseParams(NamedTuple):
 @njit(cache=True)
 def response_relink(row: Any) -> None:
     """Another leader: the sums begin anew, what was learnt of the driver stays."""
-    row.ticks = 0
-    row.statistic = 0.0
-    row.lean = 0.0
+    row.ticks, row.statistic, row.lean, row.disputed_s = 0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -119,10 +130,10 @@ def sums(row: Any) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return (own, due) of the step and of the dip, m/s."""
     own, due, own_before, due_before = 0.0, 0.0, 0.0, 0.0
     for k in range(SPAN):
-        own += row.own_mps[k]
-        due += row.due_mps[k]
-        own_before += row.own_mps[SPAN + k]
-        due_before += row.due_mps[SPAN + k]
+        own += PULSE[k] * row.own_mps[k]
+        due += PULSE[k] * row.due_mps[k]
+        own_before += PULSE[k] * row.own_mps[SPAN + k]
+        due_before += PULSE[k] * row.due_mps[SPAN + k]
     return (own, due), (own - own_before, due - due_before)
 
 
@@ -131,8 +142,6 @@ def judge(row: Any, p: ResponseParams) -> None:
     """Write statistic, gate and lean, from the sums over the last two spans."""
     row.gate = tail_gate(row.tail, p.tail)
     row.statistic, row.lean = 0.0, 0.0
-    if row.heard_s < SETTLE_S:
-        return
     for which, (own, due) in enumerate(sums(row)):
         z = abs(own - due) / sqrt(row.residual_ms[which] + MINOR_MPS**2)
         if z > row.statistic:
@@ -141,14 +150,13 @@ def judge(row: Any, p: ResponseParams) -> None:
 
 
 @njit(cache=True)
-def learn_scale(row: Any, dt_s: float, p: ResponseParams) -> None:
+def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
     """Follow the mean squares of the sums, each square cut at OUTLIER standard deviations."""
-    share = dt_s / min(row.heard_s, p.memory_s)
-    cut = OUTLIER**2 if row.heard_s > SETTLE_S else np.inf
+    share = dt_s / min(p.spread_s + row.heard_s, p.memory_s)
     for which, (own, due) in enumerate(sums(row)):
         residual, natural = row.residual_ms[which], row.natural_ms[which]
-        row.residual_ms[which] += share * (min((own - due) ** 2, cut * (residual + MINOR_MPS**2)) - residual)
-        row.natural_ms[which] += share * (min(own**2, cut * (natural + MINOR_MPS**2)) - natural)
+        row.residual_ms[which] += share * (min((own - due) ** 2, OUTLIER**2 * (residual + MINOR_MPS**2)) - residual)
+        row.natural_ms[which] += share * (min(own**2, OUTLIER**2 * (natural + MINOR_MPS**2)) - natural)
 
 
 @njit(cache=True)
@@ -167,22 +175,25 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
     own = z.v_mps - row.v_mps
     push(row.own_mps, own)
     push(row.due_mps, due * dt_s)
-    if row.ticks <= LAGS:
+    if row.ticks < LAGS:
         return
-    warm = row.heard_s >= p.warming_s
-    if row.ticks > 2 * SPAN:
-        judge(row, p)
-        if warm:
-            tail_learn(row.tail, row.statistic, row.gate, dt_s, p.tail)
+    if row.heard_s == 0.0:
+        row.theta[:] = MEAN_DRIVER
+        row.residual_ms[:] = TYPICAL_STEP_MPS**2
+        row.natural_ms[:] = TYPICAL_MOTION_MPS**2
     row.heard_s += dt_s
-    if warm and row.statistic > row.gate:
-        return
-    if row.ticks > 2 * SPAN:
-        learn_scale(row, dt_s, p)
+    if row.ticks >= FULL:
+        judge(row, p)
+        if row.heard_s > p.warming_s:
+            tail_learn(row.tail, row.statistic, row.gate, dt_s, p.tail)
+            row.disputed_s = row.disputed_s + dt_s if row.statistic > row.gate else 0.0
+            if 0.0 < row.disputed_s < p.patience_s:
+                return
+        learn_spread(row, dt_s, p)
     weight = dt_s * min(1.0, (OUTLIER / max(row.statistic, OUTLIER)) ** 2)
     ridge_learn(row.A, row.b, phi, own / dt_s, exp(-dt_s / p.memory_s), weight)
     if row.ticks % SOLVE_EVERY == 0:
-        ridge_solve(row.A, row.b, p.ridge, row.theta)
+        ridge_solve(row.A, row.b, p.ridge_s, MEAN_DRIVER, row.theta)
 
 
 @njit(cache=True)
@@ -191,10 +202,8 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
 
     Between ticks the last verdict stands. Without a leader there is nothing to answer: the check says `warming`.
     """
-    check.warming = True
-    check.anomalous = False
-    check.statistic = 0.0
-    check.lean = 0.0
+    check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
+    check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s):
         response_relink(row)
         return
@@ -211,5 +220,5 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
     check.lean = row.lean
     check.gate = row.gate
     check.p_value = min(1.0, alarms_per_hour(row.tail, row.statistic, p.tail) * p.tick_s / 3600.0)
-    check.warming = row.heard_s < p.warming_s or row.ticks <= 2 * SPAN + 1
+    check.warming = row.heard_s <= p.warming_s or row.ticks <= FULL
     check.anomalous = not check.warming and row.statistic > row.gate

@@ -1,9 +1,9 @@
 """Ridge regression that forgets, in information form: y = theta' phi + noise, theta learnt one sample at a time.
 
-    A <- f A + w phi phi'       b <- f b + w y phi       theta = (A + ridge I)^-1 b
+    A <- f A + w phi phi'       b <- f b + w y phi       theta = (A + ridge I)^-1 (b + ridge prior)
 
 f is the forgetting factor and w the sample's weight. The ridge is added when solving, never forgotten: columns that
-are not excited (a car at a steady speed) fall back to zero instead of winding up, as a covariance form would.
+are not excited (a car at a steady speed) fall back to the prior instead of winding up, as a covariance form would.
 A is packed: its lower triangle row by row, n (n + 1) / 2 numbers.
 """
 
@@ -27,8 +27,8 @@ def ridge_learn(A: Any, b: Any, phi: Any, y: float, forget: float, weight: float
 
 
 @njit(cache=True)
-def ridge_solve(A: Any, b: Any, ridge: float, theta: Any) -> None:
-    """Write theta (n,) by Cholesky's factorisation of A + ridge I, `ridge` above 0."""
+def ridge_solve(A: Any, b: Any, ridge: float, prior: Any, theta: Any) -> None:
+    """Write theta (n,) by Cholesky's factorisation of A + ridge I; `ridge` above 0, `prior` (n,) or a tuple."""
     n = b.size
     L = np.empty(A.size)
     for row in range(n):
@@ -39,7 +39,7 @@ def ridge_solve(A: Any, b: Any, ridge: float, theta: Any) -> None:
             for k in range(column):
                 rest -= L[at + k] * L[above + k]
             L[at + column] = rest / L[above + column]
-        rest, right = A[at + row] + ridge, b[row]
+        rest, right = A[at + row] + ridge, b[row] + ridge * prior[row]
         for k in range(row):
             rest -= L[at + k] ** 2
             right -= L[at + k] * theta[k]

@@ -18,6 +18,7 @@ differences within one row mean anything.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -35,7 +36,7 @@ CRUMB_SPACING_M = 3.0
 """Short enough for a lane's curves (an arc of 60 m radius leaves its chord by 2 cm), long against position noise."""
 
 MOVING_MPS = 0.5
-"""Below this a receiver's heading is noise; a standing car keeps the one it had."""
+"""Below this a receiver's heading is noise: a car that stands, by its speed and its place, keeps the one it had."""
 
 DEFAULT_LENGTH_M = 4.7
 """A passenger car, for a sender that does not say."""
@@ -48,7 +49,8 @@ EAST, NORTH, X = 0, 1, 2
 _INTERVAL_GAIN = 1.0 / 16.0
 _INTERVAL_MIN_S = 0.01
 _FIRST_INTERVAL_S = 0.1  # 10 Hz until the sender has shown its own (SAE J2945/1)
-_TURN_COS_MIN = 0.5  # a car does not turn by more than 60 degrees within one spacing
+_TURN_COS_MIN = 0.5  # no car turns by more than 60 degrees within one spacing
+_CHORD_MIN_M = 0.5 * CRUMB_SPACING_M  # shorter ones have no direction in the noise
 _BREAK_M = 50.0
 _ACCEPTED = int(Outcome.SCORED)
 _DUPLICATE = int(Outcome.DUPLICATE)
@@ -179,12 +181,14 @@ def leave_crumb(tracks: Records, rows: I64, trusted: NDArray[np.bool_], v_mps: F
                 track.crumb_count = 0
             track.base_lat_deg, track.base_lon_deg = track.lat_deg, track.lon_deg
             track.base_x_m = track.x_m
+            if not track.heading_declared:
+                track.heading_east, track.heading_north = east_m / apart_m, north_m / apart_m
             track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
         else:
             travelled_m = v_mps[i] * track.step_s
             east_m = 0.5 * travelled_m * track.base_heading_east
             north_m = 0.5 * travelled_m * track.base_heading_north
-            if track.heading_declared:
+            if track.heading_declared and _turn_cos(track) >= _TURN_COS_MIN:
                 track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
             east_m += 0.5 * travelled_m * track.base_heading_east
             north_m += 0.5 * travelled_m * track.base_heading_north
@@ -200,7 +204,7 @@ def leave_crumb(tracks: Records, rows: I64, trusted: NDArray[np.bool_], v_mps: F
 
 
 @njit(cache=True)
-def _begin(track: np.void, lat_deg: float, lon_deg: float) -> None:
+def _begin(track: Any, lat_deg: float, lon_deg: float) -> None:
     """Set the odometer to zero at this place, with no trail behind it."""
     if track.t_us == 0:
         track.length_m = DEFAULT_LENGTH_M
@@ -218,7 +222,7 @@ def _begin(track: np.void, lat_deg: float, lon_deg: float) -> None:
 
 
 @njit(cache=True)
-def _count_missed(track: np.void, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
+def _count_missed(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
     """Messages lost before this one; also brings the sender's own interval up to date.
 
     A step of the counter by n says that n - 1 are lost, if the elapsed time has room for n at no less than half the
@@ -230,27 +234,28 @@ def _count_missed(track: np.void, msg_cnt: int, step_s: float, max_gap_s: float)
     interval_s = min(max(step_s / sent, _INTERVAL_MIN_S), max_gap_s)
     gain = max(_INTERVAL_GAIN, 1.0 / (track.count + 1.0))
     track.interval_s += gain * (interval_s - track.interval_s)
-    return sent - 1
+    return int(sent - 1)
 
 
 @njit(cache=True)
-def _measure(track: np.void, heading_deg: float) -> None:
+def _measure(track: Any, heading_deg: float) -> None:
     """Set heading and odometer of the newest reading, seen from the base."""
     east_m, north_m = displacement_m(track.base_lat_deg, track.base_lon_deg, track.lat_deg, track.lon_deg)
     track.from_base_east_m, track.from_base_north_m = east_m, north_m
-    moving = track.v_mps >= MOVING_MPS
+    apart_m = math.hypot(east_m, north_m)
+    moving = track.v_mps >= MOVING_MPS or apart_m >= CRUMB_SPACING_M
     known = track.base_heading_east != 0.0 or track.base_heading_north != 0.0
     track.heading_declared = moving and math.isfinite(heading_deg)
     if track.heading_declared or (math.isfinite(heading_deg) and not known):
         track.heading_east = math.sin(math.radians(heading_deg))
         track.heading_north = math.cos(math.radians(heading_deg))
     elif moving:
-        _head_along(track, math.hypot(east_m, north_m), known)
-    if not known or (moving and not track.heading_firm):
+        _head_along(track, apart_m)
+    if not track.heading_firm and (moving or not known):
         track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
-        track.heading_firm = moving and (track.heading_east != 0.0 or track.heading_north != 0.0)
+        track.heading_firm = track.heading_declared or (moving and apart_m >= _CHORD_MIN_M)
 
-    turn_cos = track.base_heading_east * track.heading_east + track.base_heading_north * track.heading_north
+    turn_cos = _turn_cos(track)
     if turn_cos < _TURN_COS_MIN:
         ahead_m = east_m * track.heading_east + north_m * track.heading_north
     else:
@@ -262,18 +267,24 @@ def _measure(track: np.void, heading_deg: float) -> None:
 
 
 @njit(cache=True)
-def _head_along(track: np.void, apart_m: float, known: bool) -> None:
+def _head_along(track: Any, apart_m: float) -> None:
     """Take the heading from the way since the base, for a sender that declares none."""
-    if apart_m < (0.5 * CRUMB_SPACING_M if known else 1e-3):
+    if apart_m < (_CHORD_MIN_M if track.heading_firm else 1e-3):
         return
     east, north = track.from_base_east_m / apart_m, track.from_base_north_m / apart_m
-    if known and east * track.base_heading_east + north * track.base_heading_north < _TURN_COS_MIN:
+    if track.heading_firm and east * track.base_heading_east + north * track.base_heading_north < _TURN_COS_MIN:
         return
     track.heading_east, track.heading_north = east, north
 
 
 @njit(cache=True)
-def _push_crumb(track: np.void) -> None:
+def _turn_cos(track: Any) -> float:
+    """Return the cosine of the angle between the headings at the base and now."""
+    return float(track.base_heading_east * track.heading_east + track.base_heading_north * track.heading_north)
+
+
+@njit(cache=True)
+def _push_crumb(track: Any) -> None:
     """Keep the place of the base."""
     track.newest_crumb = (track.newest_crumb + 1) & (CRUMBS - 1)
     track.crumb_count = min(track.crumb_count + 1, CRUMBS)

@@ -1,0 +1,158 @@
+"""Frames of a synthetic fleet of any size for any time: stepped as it is sent, in bounded memory."""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway_loadtest.corrupt import Label, sendable_speed
+from headway_loadtest.frames import MSG_CNT_MASK, Frame, Vehicle
+from headway_loadtest.inject import F64, Injected, Kind, Spec, inject
+from headway_loadtest.road import displace
+from headway_loadtest.sources.synthetic import STEP_MS, STEP_S, Fleet, Readings, vehicle_id
+
+COHORT = 1000
+
+
+class FleetFrames:
+    """Frames of `vehicles` synthetic vehicles, 10 messages a second each, for so many seconds.
+
+    The fleet is stepped in cohorts of 1000, each with a window of its own in every 0.1 s, so that no step holds up the
+    sending for longer than a fraction of a millisecond. With `burst` everyone sends at the same instant. With
+    `rotate_s` each vehicle takes a new identifier that often, at a time of its own. An injection is of sensor kinds.
+    """
+
+    def __init__(
+        self,
+        vehicles: int,
+        seconds: float,
+        *,
+        seed: int = 0,
+        inject: Spec | None = None,
+        burst: bool = False,
+        rotate_s: float = np.inf,
+    ) -> None:
+        self._steps = round(seconds / STEP_S)
+        cohorts = -(-vehicles // COHORT)
+        bounds = np.zeros(cohorts + 1, int) if burst else np.arange(cohorts + 1) * STEP_MS // cohorts
+        self._cohorts = [
+            _Cohort(
+                Fleet(
+                    min(COHORT, vehicles - first),
+                    seed,
+                    first=first,
+                    window_ms=(int(bounds[first // COHORT]), int(bounds[first // COHORT + 1])),
+                ),
+                first,
+                _Lies(np.random.default_rng((seed, first, 1)), min(COHORT, vehicles - first), self._steps, inject),
+                rotate_s,
+            )
+            for first in range(0, vehicles, COHORT)
+        ]
+        self.labels: list[Label] = [label for cohort in self._cohorts for label in cohort.labels()]
+
+    def __iter__(self) -> Iterator[Frame]:
+        for step in range(self._steps):
+            for cohort in self._cohorts:
+                yield cohort.frame(step)
+
+
+class _Cohort:
+    def __init__(self, fleet: Fleet, first: int, lies: "_Lies", rotate_s: float) -> None:
+        n = len(fleet.length_m)
+        self._fleet = fleet
+        self._first = first
+        self._lies = lies
+        self._sent = np.zeros(n, np.int64)
+        self._life = np.full(n, -1)
+        self._rotate_s = rotate_s
+        self._head_start_s = np.linspace(0.0, rotate_s, n, endpoint=False) if np.isfinite(rotate_s) else np.zeros(n)
+
+    def frame(self, step: int) -> Frame:
+        told = self._lies.tell(self._fleet.step(), step)
+        present = self._lies.present(step)
+        order = np.argsort(told.t_ms, kind="stable")
+        if present is not None:
+            order = order[present[order]]
+        msg_cnt = self._sent[order] & MSG_CNT_MASK
+        self._sent[order] += 1
+        return Frame(
+            entering=self._entering(step * STEP_S),
+            t_us=told.t_ms[order] * 1000,
+            row=order + self._first,
+            msg_cnt=msg_cnt,
+            lat=told.lat[order],
+            lon=told.lon[order],
+            speed_mps=told.speed_mps[order],
+            heading_deg=told.heading_deg[order],
+        )
+
+    def labels(self) -> list[Label]:
+        return [
+            Label(
+                self._id(row, int(self._lives(event.start * STEP_S)[row])),
+                event.sensor,
+                event.kind,
+                (event.start - (event.kind is Kind.MISS)) * STEP_MS * 1000,
+                event.stop * STEP_MS * 1000,
+            )
+            for row, event in self._lies.events
+        ]
+
+    def _entering(self, now_s: float) -> tuple[Vehicle, ...]:
+        life = self._lives(now_s)
+        changed = np.flatnonzero(life != self._life).tolist()
+        self._life = life
+        return tuple(
+            Vehicle(self._first + row, self._id(row, int(life[row])), float(self._fleet.length_m[row]))
+            for row in changed
+        )
+
+    def _lives(self, now_s: float) -> NDArray[np.int64]:
+        return ((now_s + self._head_start_s) // self._rotate_s).astype(np.int64)
+
+    def _id(self, row: int, life: int) -> str:
+        return vehicle_id(self._first + row, life)
+
+
+class _Lies:
+    """What the liars of a cohort add to their readings, step by step; drawn beforehand for the liars alone."""
+
+    def __init__(self, rng: np.random.Generator, n: int, steps: int, spec: Spec | None) -> None:
+        liars = np.flatnonzero(rng.random(n) < (0.0 if spec is None else spec.share))
+        truth = np.zeros(steps)
+        told = [] if spec is None else [inject(rng, truth, truth, spec) for _ in liars]
+        self._liars = liars
+        self._n = n
+        self._x_m: F64 = np.array([lie.x_m for lie in told]).reshape(len(liars), steps)
+        self._v_mps: F64 = np.array([lie.v_mps for lie in told]).reshape(len(liars), steps)
+        self._present = np.array([lie.present for lie in told], np.bool_).reshape(len(liars), steps)
+        self._silent = not self._present.all()
+        self.events = [
+            (int(row), event)
+            for row, lie in zip(liars, told, strict=True)
+            for event in lie.events
+            if not _at_an_end(event, steps)
+        ]
+
+    def tell(self, truth: Readings, step: int) -> Readings:
+        if not len(self._liars):
+            return truth
+        rows = self._liars
+        lat, lon = displace(truth.lat[rows], truth.lon[rows], truth.heading_deg[rows], self._x_m[:, step])
+        speed_mps = sendable_speed(truth.speed_mps[rows], truth.speed_mps[rows] + self._v_mps[:, step])
+        told = truth._replace(lat=truth.lat.copy(), lon=truth.lon.copy(), speed_mps=truth.speed_mps.copy())
+        told.lat[rows], told.lon[rows], told.speed_mps[rows] = lat, lon, speed_mps
+        return told
+
+    def present(self, step: int) -> NDArray[np.bool_] | None:
+        """(n,) who sends in this step; None where everyone does."""
+        if not self._silent:
+            return None
+        sends = np.ones(self._n, np.bool_)
+        sends[self._liars] = self._present[:, step]
+        return sends
+
+
+def _at_an_end(event: Injected, steps: int) -> bool:
+    return event.kind is Kind.MISS and (event.start == 0 or event.stop == steps)

@@ -1,0 +1,135 @@
+"""The sender: batches put on the bus when they are due, whatever became of the ones before.
+
+A message that leaves late is counted from the time it was meant to leave; a put that blocks is seen, and what could
+not be put is counted by reason.
+"""
+
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import zenoh
+from hdrh.histogram import HdrHistogram
+
+from headway_loadtest.encode import Batch
+from headway_loadtest.trajectory import I64
+from headway_schemas.encodings import BSM_MSGPACK
+
+LATE_US_MAX = 600_000_000
+STALL_S = 0.1
+
+
+class Clock(Protocol):
+    """One clock for intended, actual and arrival times: CLOCK_MONOTONIC, the same in every process of a machine."""
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds that never run backwards."""
+        ...
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        ...
+
+
+class Put(Protocol):
+    """Sends one payload; blocks while the transport is full. Raises zenoh.ZError when it cannot."""
+
+    def __call__(self, key: zenoh.KeyExpr, payload: bytes, /) -> None:
+        """Send one payload."""
+        ...
+
+
+class SystemClock:
+    """The machine's monotonic clock."""
+
+    def monotonic_ns(self) -> int:
+        """Nanoseconds that never run backwards."""
+        return time.monotonic_ns()
+
+    def sleep(self, seconds: float) -> None:
+        """Wait."""
+        time.sleep(seconds)
+
+
+def lateness() -> HdrHistogram:
+    """Make an empty histogram of microseconds, up to ten minutes, to three digits."""
+    return HdrHistogram(1, LATE_US_MAX, 3)
+
+
+@dataclass(slots=True)
+class Sent:
+    """What was sent so far. `records` counts messages, in bundles or not; `lost` those that could not be put."""
+
+    records: int = 0
+    payloads: int = 0
+    lost: Counter[str] = field(default_factory=Counter)
+    late_us: HdrHistogram = field(default_factory=lateness)
+    """By record, from the intended send time until the put had returned; since the warm-up."""
+    stalled_s: float = 0.0
+    """Time in batches that took longer than 0.1 s to put."""
+    last_event_us: I64 = field(default_factory=lambda: np.zeros(0, np.int64))
+    """By row, event time of the newest message."""
+    cpu_s: float = 0.0
+
+    def note_rows(self, rows: I64, event_us: int) -> None:
+        """Remember when each sender was last heard of."""
+        needed = int(rows.max()) + 1
+        if needed > len(self.last_event_us):
+            self.last_event_us = np.concatenate(
+                [self.last_event_us, np.zeros(needed - len(self.last_event_us) + needed // 2, np.int64)]
+            )
+        self.last_event_us[rows] = event_us
+
+
+def put_on(session: zenoh.Session) -> Put:
+    """Make the put of a session: without loss while it can wait, at the price of time.
+
+    A key expression handed over whole costs less at both ends than a declared publisher per vehicle.
+    """
+    encoding = zenoh.Encoding(BSM_MSGPACK)
+    block = zenoh.CongestionControl.BLOCK
+
+    def put(key: zenoh.KeyExpr, payload: bytes, /) -> None:
+        session.put(key, payload, encoding=encoding, congestion_control=block)
+
+    return put
+
+
+def send(
+    batches: Iterable[Batch],
+    put: Put,
+    *,
+    clock: Clock,
+    warm_ns: int,
+    between: Callable[[Sent, int], None] = lambda _sent, _due_ns: None,
+) -> Sent:
+    """Put every batch at its time, open loop; batches due before `warm_ns` are sent but not timed.
+
+    `between` is called after each batch with what was sent and when the batch was due; it must be quick.
+    """
+    sent = Sent()
+    cpu_s = time.process_time()
+    for batch in batches:
+        wait_ns = batch.due_ns - clock.monotonic_ns()
+        if wait_ns > 0:
+            clock.sleep(wait_ns / 1e9)
+        began_ns = clock.monotonic_ns()
+        for key, payload in zip(batch.keys, batch.payloads, strict=True):
+            try:
+                put(key, payload)
+            except zenoh.ZError:
+                sent.lost["put_failed"] += 1
+        ended_ns = clock.monotonic_ns()
+        sent.records += len(batch.rows)
+        sent.payloads += len(batch.payloads)
+        if batch.due_ns >= warm_ns:
+            sent.late_us.record_value(min((ended_ns - batch.due_ns) // 1000, LATE_US_MAX), len(batch.rows))
+        if ended_ns - began_ns > STALL_S * 1e9:
+            sent.stalled_s += (ended_ns - began_ns) / 1e9
+        sent.note_rows(batch.rows, batch.last_event_us)
+        between(sent, batch.due_ns)
+    sent.cpu_s = time.process_time() - cpu_s
+    return sent

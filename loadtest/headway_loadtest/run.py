@@ -1,0 +1,261 @@
+"""One run from end to end: replay frames over the bus, listen to the service, and close the books.
+
+The service's side of the ledger and of the latency is what it says of itself on the health topic: the difference of two
+reports, the last one before the first message and the one after the last outcome.
+"""
+
+import gc
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import zenoh
+
+from headway_loadtest.corrupt import Label
+from headway_loadtest.encode import Encoder
+from headway_loadtest.frames import Frame
+from headway_loadtest.latency import Percentiles, measure, of_buckets, of_histogram
+from headway_loadtest.ledger import Counters, Ledger, settle
+from headway_loadtest.listen import Health, Heard, Listener
+from headway_loadtest.quality import Quality, assess
+from headway_loadtest.replay import Clock, Sent, SystemClock, put_on, send
+from headway_loadtest.schedule import Schedule
+from headway_schemas import Keys, Kind
+
+SERVICE_WAIT_S = 5.0
+LEAD_IN_S = 0.2
+SETTLE_S = 15.0
+QUIET_S = 2.0
+PROGRESS_NS = 100_000_000
+MESSAGES_PER_HOUR = 36_000
+"""Of one vehicle at 10 Hz."""
+INTENDED = "intended"
+"""The service's stage from a message's event time to its outcome."""
+
+
+class Frames(Protocol):
+    """Frames with the labels of what was injected into them."""
+
+    @property
+    def labels(self) -> list[Label]:
+        """Labels so far, in replay time."""
+        ...
+
+    def __iter__(self) -> Iterator[Frame]:
+        """Yield the frames in order."""
+        ...
+
+
+class Progress(NamedTuple):
+    """How a run goes, about ten times a second."""
+
+    t_s: float
+    """Replay time."""
+    sent: int
+    alerts: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Service:
+    """The service's side, from its own reports. Costs and latencies are since the warm-up; None: it does not say."""
+
+    instance: str
+    ledger: Ledger
+    stages: Mapping[str, Percentiles]
+    cpu_us: float | None
+    """Per record."""
+    rss_mb: float | None
+    rss_warm_mb: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Outcome:
+    """What a run came to. `service` is None when nobody reported on the site."""
+
+    vehicles: int
+    seconds: float
+    warmup_s: float
+    speed: float
+    sent: int
+    late: Percentiles | None
+    """Of the generator itself, since the warm-up."""
+    stalled_s: float
+    generator_cpu_us: float
+    """Per record."""
+    alert_latency: Percentiles | None
+    """From the intended send time of the first reading in doubt until the alert is with a subscriber."""
+    alerts: int
+    unread: int
+    quality: Quality
+    service: Service | None
+
+    @property
+    def latency(self) -> Percentiles | None:
+        """From the intended send time to the outcome; unknown at other speeds than 1, where event time is not it."""
+        return self.service.stages.get(INTENDED) if self.service and self.speed == 1.0 else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """What is left of a run when the last message is out and its outcome known."""
+
+    schedule: Schedule
+    warm_ns: int
+    ended_ns: int
+    sent: Sent
+    ids: list[str]
+    heard: Heard
+    reports: list[Health]
+    """Of one instance, in order; the first is from before the first message."""
+
+
+def run(
+    session: zenoh.Session,
+    frames: Frames,
+    keys: Keys,
+    *,
+    bundle: int = 1,
+    speed: float = 1.0,
+    span_s: float = 0.0,
+    warmup_s: float = 0.0,
+    on_progress: Callable[[Progress], None] = lambda _progress: None,
+) -> Outcome:
+    """Replay frames in real time or `speed` times as fast, and judge what comes of it.
+
+    `span_s` is how long the frames last, in event time; it matters at other speeds than 1 only, to have the events end
+    at now. The first `warmup_s` seconds count for the ledger, but for no latency and no cost. Without a service on the
+    site the frames are sent all the same.
+    """
+    clock = SystemClock()
+    listener = Listener(session, keys, clock)
+    try:
+        played = _play(session, listener, clock, frames, keys, bundle, speed, span_s, warmup_s, on_progress)
+    finally:
+        listener.close()
+    return _outcome(played, frames.labels, warmup_s)
+
+
+def _play(
+    session: zenoh.Session,
+    listener: Listener,
+    clock: Clock,
+    frames: Frames,
+    keys: Keys,
+    bundle: int,
+    speed: float,
+    span_s: float,
+    warmup_s: float,
+    on_progress: Callable[[Progress], None],
+) -> _Run:
+    _wait(clock, SERVICE_WAIT_S, lambda: bool(listener.drain().health))
+    instance = listener.heard.health[0].content["instance"] if listener.heard.health else ""
+    gc.collect()
+    gc.freeze()
+    schedule = Schedule(
+        start_ns=clock.monotonic_ns() + round(LEAD_IN_S * 1e9),
+        start_unix_us=time.time_ns() // 1000 + round(LEAD_IN_S * 1e6),
+        speed=speed,
+        span_s=span_s,
+    )
+    warm_ns = schedule.start_ns + round(warmup_s * 1e9)
+    encoder = Encoder(keys, bundle=bundle)
+    told_ns = 0
+
+    def between(sent: Sent, due_ns: int) -> None:
+        nonlocal told_ns
+        if due_ns - told_ns >= PROGRESS_NS:
+            told_ns = due_ns
+            heard = listener.drain()
+            on_progress(Progress((due_ns - schedule.start_ns) * speed / 1e9, sent.records, heard.alerts))
+
+    try:
+        sent = send(encoder.batches(frames, schedule), put_on(session), clock=clock, warm_ns=warm_ns, between=between)
+    finally:
+        gc.unfreeze()
+    ended_ns = clock.monotonic_ns()
+    _wait(clock, SETTLE_S if instance else QUIET_S, lambda: _is_quiet(listener.drain(), instance, ended_ns))
+    reports = [report for report in listener.heard.health if report.content["instance"] == instance]
+    early = [report for report in reports if report.received_ns < schedule.start_ns]
+    return _Run(schedule, warm_ns, ended_ns, sent, encoder.ids, listener.heard, reports[max(0, len(early) - 1) :])
+
+
+def _wait(clock: Clock, at_most_s: float, done: Callable[[], bool]) -> None:
+    deadline_ns = clock.monotonic_ns() + round(at_most_s * 1e9)
+    while not done() and clock.monotonic_ns() < deadline_ns:
+        clock.sleep(0.05)
+
+
+def _is_quiet(heard: Heard, instance: str, ended_ns: int) -> bool:
+    """Whether the service has nothing in hand and reports the same count twice, the first time well after the end."""
+    counters = [
+        Counters.of(report.content)
+        for report in heard.health
+        if report.content["instance"] == instance and report.received_ns > ended_ns + QUIET_S * 1e9 / 2
+    ]
+    return len(counters) >= 2 and not counters[-1].queued and counters[-1].outcomes == counters[-2].outcomes
+
+
+def _outcome(played: _Run, labels: list[Label], warmup_s: float) -> Outcome:
+    schedule, sent, heard, reports = played.schedule, played.sent, played.heard, played.reports
+    origin_us = schedule.first_event_us
+    episodes = list(heard.episodes.values())
+    latencies_us = [
+        (episode.received_ns - due_ns) / 1e3
+        for episode in episodes
+        if episode.kind is not Kind.MISS and (due_ns := schedule.due_of_event_ns(episode.onset_us)) >= played.warm_ns
+    ]
+    quality = assess(
+        [replace(label, start_us=label.start_us + origin_us, stop_us=label.stop_us + origin_us) for label in labels],
+        episodes,
+        schedule=schedule,
+        last_us=dict(zip(played.ids, sent.last_event_us.tolist(), strict=False)),
+        vehicle_hours=sent.records / MESSAGES_PER_HOUR,
+    )
+    service = _service(played) if len(reports) > 1 else None
+    return Outcome(
+        vehicles=len(played.ids),
+        seconds=(played.ended_ns - schedule.start_ns) / 1e9,
+        warmup_s=warmup_s,
+        speed=schedule.speed,
+        sent=sent.records,
+        late=of_histogram(sent.late_us),
+        stalled_s=sent.stalled_s,
+        generator_cpu_us=1e6 * sent.cpu_s / max(1, sent.records),
+        alert_latency=measure(latencies_us),
+        alerts=heard.alerts,
+        unread=heard.unread,
+        quality=quality,
+        service=service,
+    )
+
+
+def _service(played: _Run) -> Service:
+    before, last = played.reports[0], played.reports[-1]
+    warm = next((report for report in played.reports if report.received_ns >= played.warm_ns), before)
+    if played.warm_ns <= played.schedule.start_ns:
+        warm = before
+    busy = [report for report in played.reports if warm.received_ns < report.received_ns <= played.ended_ns]
+    sent = played.sent
+    return Service(
+        instance=last.content["instance"],
+        ledger=settle(sent.records, sent.lost, Counters.of(before.content), Counters.of(last.content)),
+        stages=_stages(warm, last),
+        cpu_us=_cpu_us(warm, busy[-1] if busy else last),
+        rss_mb=last.content.get("rss_mb"),
+        rss_warm_mb=warm.content.get("rss_mb"),
+    )
+
+
+def _stages(warm: Health, last: Health) -> dict[str, Percentiles]:
+    before, after = warm.content.get("histograms_us", {}), last.content.get("histograms_us", {})
+    gained = {stage: of_buckets(dict(before.get(stage, ())), dict(buckets)) for stage, buckets in after.items()}
+    return {stage: percentiles for stage, percentiles in gained.items() if percentiles is not None}
+
+
+def _cpu_us(warm: Health, busy: Health) -> float | None:
+    outcomes = Counters.of(busy.content).outcomes - Counters.of(warm.content).outcomes
+    if outcomes <= 0 or busy.content.get("cpu_s") is None or warm.content.get("cpu_s") is None:
+        return None
+    used_s: float = busy.content["cpu_s"] - warm.content["cpu_s"]
+    return 1e6 * used_s / outcomes

@@ -1,0 +1,40 @@
+"""A client session on zenoh with explicit endpoints: no scouting, nothing shed in silence."""
+
+import json
+
+import zenoh
+
+CONNECT_S = 10.0
+BLOCK_S = 60.0
+"""How long a put waits for a full transport before zenoh closes it: an overload shows as latency, not as loss."""
+
+
+class SessionError(RuntimeError):
+    """No session: one line that says where it was looked for and what to do."""
+
+
+def connect(endpoint: str) -> zenoh.Session:
+    """Open a client session with a router or service at `endpoint`, such as `tcp/localhost:7447`.
+
+    Raises
+    ------
+    SessionError
+        Nobody answers there within 10 s, or the endpoint is malformed.
+    """
+    config = zenoh.Config()
+    for key, value in (
+        ("mode", "client"),
+        ("connect/endpoints", [endpoint]),
+        ("connect/timeout_ms", round(CONNECT_S * 1000)),
+        ("connect/exit_on_failure", True),
+        ("scouting/multicast/enabled", False),
+        ("scouting/gossip/enabled", False),
+        ("transport/shared_memory/enabled", False),
+        ("transport/link/tx/queue/congestion_control/block/wait_before_close", round(BLOCK_S * 1e6)),
+    ):
+        config.insert_json5(key, json.dumps(value))
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        reason = str(error).partition("\n")[0]
+        raise SessionError(f"no zenoh at {endpoint}: start `headway serve` or a router there ({reason})") from None

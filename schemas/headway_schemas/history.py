@@ -1,0 +1,50 @@
+"""What may be asked of the history of events, the queryable `alerts` of a site.
+
+The selector's parameters are the fields of `AlertsQuery`. The reply is one JSON array of events, newest first by
+`detected_us`. A page never splits one microsecond: what shares its `detected_us` with the last statement comes too, so
+the next page is `before_us` of that one and nothing is skipped or told twice.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Final, Self
+
+from pydantic import Field, TypeAdapter
+
+from headway_schemas.event import Event, Kind, Phase
+from headway_schemas.fields import Id, Message, TUs
+
+LIMIT_MAX: Final = 1000
+
+EVENTS: Final = TypeAdapter(list[Event])
+"""Reads the payload of a reply."""
+
+
+class AlertsQuery(Message):
+    """Which statements of the history are wanted: those that meet every condition given."""
+
+    from_us: TUs | None = None
+    """Detected at this instant or later."""
+    to_us: TUs | None = None
+    """Detected before this instant."""
+    before_us: TUs | None = None
+    """Where the page before this one ended."""
+    kind: Kind | None = None
+    phase: Phase | None = None
+    """`onset` gives one row for each event."""
+    vehicle: Id | None = None
+    """Suspect, follower or leader."""
+    event: Id | None = None
+    """Every statement of this `event_id`."""
+    limit: Annotated[int, Field(ge=1, le=LIMIT_MAX)] = 100
+    evidence: bool = False
+    """Whether the evidence comes along; a list is lighter without."""
+
+    @classmethod
+    def from_parameters(cls, parameters: Mapping[str, str]) -> Self:
+        """Read a selector's parameters. Raises `pydantic.ValidationError` for an unknown or unfit one."""
+        return cls.model_validate_strings(dict(parameters))
+
+    def to_parameters(self) -> str:
+        """Write the parameters of a selector, those that say nothing left out."""
+        fields = self.model_dump(mode="json", exclude_defaults=True)
+        return ";".join(f"{name}={value}" for name, value in fields.items())

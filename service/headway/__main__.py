@@ -1,0 +1,6 @@
+"""`python -m headway`, and the `headway` command."""
+
+from headway.cli import main
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""What the service tells, as messages of the wire contract."""
+
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from headway.core.outcome import Outcome
+from headway.core.records import READING, Sensor
+from headway.core.turn import AnomalyEvent, Evidence, PairStates
+from headway.edge.vitals import Identity
+from headway_schemas import event as wire
+from headway_schemas.state import PairState, Standing
+
+DETAILS: Final = {
+    Outcome.TOO_OLD: "event time further behind the receipt than max_age_s",
+    Outcome.FROM_THE_FUTURE: "event time further ahead of the receipt than max_ahead_s",
+    Outcome.DUPLICATE: "a message of this sender with this count and time was here before",
+    Outcome.OUT_OF_ORDER: "a message of this sender with a later time was here before",
+    Outcome.TABLE_FULL: "as many vehicles are known as vehicle_capacity allows",
+}
+"""What to say of a record that the core rejects."""
+
+_ETSI_TARGET: Final = {
+    Sensor.LOCATION: wire.EtsiTarget.POSITION,
+    Sensor.SPEED: wire.EtsiTarget.SPEED,
+    Sensor.BOTH: wire.EtsiTarget.POSITION,
+    Sensor.LINK: wire.EtsiTarget.BEACON,
+}
+
+
+def event_message(
+    event: AnomalyEvent, identity: Identity, detected_us: int, latency_us: Mapping[wire.Stage, int]
+) -> wire.Event:
+    """Return what goes to the alert topic; `latency_us` lacks the way over the air, which the event itself tells."""
+    x_m, v_mps, x_std_m, v_std_mps = event.recovered
+    return wire.Event(
+        event_id=event.event_id,
+        phase=wire.Phase(event.phase),
+        kind=wire.Kind(event.kind.label),
+        sensor=wire.Sensor(event.sensor.label),
+        suspect=event.suspect,
+        leader=event.leader,
+        follower=event.follower,
+        site=identity.site,
+        t_us=event.t_us,
+        detected_us=detected_us,
+        nis=event.nis,
+        statistic=event.statistic,
+        gate=event.gate,
+        p_value=event.p_value,
+        innovation=wire.Innovation(x_m=event.nu[0], v_mps=event.nu[1]),
+        recovered=wire.Recovered(x_m=x_m, v_mps=v_mps, x_std_m=x_std_m, v_std_mps=v_std_mps),
+        latency_us={wire.Stage.WIRE: event.received_us - event.t_us, **latency_us},
+        model=identity.model,
+        config_hash=identity.config_hash,
+        confidence=event.confidence,
+        etsi_target=_ETSI_TARGET.get(event.sensor),
+        evidence=_evidence(event.evidence) if event.evidence else None,
+    )
+
+
+def _evidence(evidence: Evidence) -> wire.Evidence:
+    return wire.Evidence(
+        columns=READING.names or (),
+        readings=evidence.readings.tolist(),
+        checkpoint=evidence.checkpoint.tobytes(),
+        parameters={},
+    )
+
+
+def state_messages(states: PairStates, site: str) -> Iterator[PairState]:
+    """Yield the state of each vehicle."""
+    columns = zip(
+        states.followers,
+        states.leaders,
+        states.t_us.tolist(),
+        _standings(states),
+        *(getattr(states, name).tolist() for name in _STATE_NUMBERS),
+        strict=True,
+    )
+    for follower, leader, t_us, standing, *numbers in columns:
+        fields: dict[str, Any] = dict(zip(_STATE_NUMBERS.values(), numbers, strict=True))
+        yield PairState(site=site, follower=follower, leader=leader, t_us=t_us, standing=standing, **fields)
+
+
+_STATE_NUMBERS: Final = {
+    "lat_deg": "lat",
+    "lon_deg": "lon",
+    "heading_deg": "heading_deg",
+    "gap_m": "gap_m",
+    "x_m": "x_m",
+    "v_mps": "v_mps",
+    "nis": "nis",
+    "statistic": "statistic",
+    "gate": "gate",
+}
+"""Numbers of a state: name in the core, name on the wire."""
+
+
+def _standings(states: PairStates) -> Iterator[Standing]:
+    for silent, anomalous, warming in zip(
+        states.silent.tolist(), states.anomalous.tolist(), states.warming.tolist(), strict=True
+    ):
+        if silent:
+            yield Standing.SILENT
+        elif anomalous:
+            yield Standing.ANOMALOUS
+        else:
+            yield Standing.WARMING if warming else Standing.NORMAL
+
+
+def rss_mb() -> float | None:
+    """Return the memory that this process holds; None where the system does not tell."""
+    try:
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
+    except OSError:
+        return None
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6

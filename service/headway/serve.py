@@ -1,0 +1,164 @@
+"""`headway serve`: the service put together, run until it is told to stop, and taken apart in order."""
+
+import signal
+import threading
+
+import structlog
+
+from headway.core.engine import Engine
+from headway.edge import logs
+from headway.edge.bus import BusConfig, ZenohBus
+from headway.edge.clock import SystemClock
+from headway.edge.codec import Codec
+from headway.edge.http import HttpServer
+from headway.edge.inbox import Inbox
+from headway.edge.latency import Latencies
+from headway.edge.ledger import Ledger
+from headway.edge.metrics import CONTENT_TYPE, Metrics, Sources
+from headway.edge.reporter import ReportConfig, Reporter
+from headway.edge.shell import Shell, ShellConfig
+from headway.edge.vitals import Identity, Vitals
+from headway.errors import UserError
+from headway.settings import Loaded, Origin, Settings
+from headway.version import version
+from headway_schemas.keys import Keys
+
+_log = structlog.get_logger(__name__)
+
+
+def serve(loaded: Loaded) -> None:
+    """Run until SIGTERM or SIGINT, then judge what is queued, report, and sign off.
+
+    Raises
+    ------
+    UserError
+        An address or an option cannot be had.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    settings = loaded.settings
+    logs.configure(settings.log_level, settings.log_format)
+    structlog.contextvars.bind_contextvars(site=settings.site, instance=settings.instance)
+
+    clock = SystemClock()
+    keys = Keys(settings.prefix, settings.site)
+    identity = Identity(
+        site=settings.site,
+        instance=settings.instance,
+        version=version(),
+        model=settings.model,
+        config_hash=settings.config_hash,
+    )
+    vitals, ledger, latencies = Vitals(clock), Ledger(), Latencies()
+    codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
+    inbox = Inbox(settings.queue_limit, settings.queue_bytes_limit, codec.records_in)
+    bus = ZenohBus(_bus_config(loaded), keys, clock, inbox)
+    engine = Engine(settings.detector())
+    reporter = Reporter(
+        config=_report_config(settings),
+        identity=identity,
+        keys=keys,
+        engine=engine,
+        bus=bus,
+        clock=clock,
+        vitals=vitals,
+        ledger=ledger,
+        latencies=latencies,
+    )
+    shell = Shell(
+        config=_shell_config(settings),
+        identity=identity,
+        keys=keys,
+        codec=codec,
+        engine=engine,
+        bus=bus,
+        clock=clock,
+        vitals=vitals,
+        ledger=ledger,
+        latencies=latencies,
+        reporter=reporter,
+    )
+    metrics = Metrics(
+        Sources(
+            identity=identity,
+            vitals=vitals,
+            ledger=ledger,
+            latencies=latencies,
+            bus=bus,
+            engine=engine,
+            vehicle_capacity=settings.vehicle_capacity,
+            queue_limit=settings.queue_limit,
+        )
+    )
+    with _http(settings, metrics, vitals) as http:
+        _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
+        engine.warm_up()
+        vitals.warm = True
+        try:
+            if bus.open(lambda seconds: not stop.wait(seconds)):
+                _log.info("ready", connect=settings.connect, listen=settings.listen)
+                shell.run(stop.is_set)
+                left = shell.drain(settings.stop_timeout_s)
+                _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected, left=left)
+        finally:
+            bus.close()
+
+
+def _http(settings: Settings, metrics: Metrics, vitals: Vitals) -> HttpServer:
+    try:
+        return HttpServer(
+            settings.http_host,
+            settings.http_port,
+            metrics=metrics.text,
+            content_type=CONTENT_TYPE,
+            ailment=lambda: vitals.ailment,
+            hindrance=lambda: vitals.hindrance,
+        )
+    except OSError as error:
+        where = f"http://{settings.http_host}:{settings.http_port}"
+        raise UserError(f"{where}: {error.strerror}; set http_host or http_port") from None
+
+
+def _bus_config(loaded: Loaded) -> BusConfig:
+    settings = loaded.settings
+    options = None
+    if settings.zenoh_config is not None:
+        try:
+            options = settings.zenoh_config.read_text(encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"zenoh_config {settings.zenoh_config}: {error.strerror}") from None
+
+    def unless_left_to_file(name: str) -> bool:
+        return options is None or loaded.origins[name] is not Origin.DEFAULT
+
+    return BusConfig(
+        instance=settings.instance,
+        mode=settings.mode if unless_left_to_file("mode") else None,
+        connect=settings.connect if unless_left_to_file("connect") else None,
+        listen=settings.listen if unless_left_to_file("listen") else None,
+        options=options,
+        connect_timeout_s=settings.connect_timeout_s,
+        block_timeout_s=settings.block_timeout_s,
+        alert_limit=settings.alert_queue_limit,
+    )
+
+
+def _report_config(settings: Settings) -> ReportConfig:
+    return ReportConfig(
+        state_rate_hz=settings.state_rate_hz,
+        state_budget_hz=settings.state_budget_hz,
+        health_interval_s=settings.health_interval_s,
+        vehicle_capacity=settings.vehicle_capacity,
+        queue_limit=settings.queue_limit,
+    )
+
+
+def _shell_config(settings: Settings) -> ShellConfig:
+    return ShellConfig(
+        batch_limit=settings.batch_limit,
+        batch_bytes_limit=settings.batch_bytes_limit,
+        idle_sleep_s=settings.idle_sleep_s,
+        rejected_rate_hz=settings.rejected_rate_hz,
+        rejected_bytes_limit=settings.rejected_bytes_limit,
+    )

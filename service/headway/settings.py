@@ -1,0 +1,260 @@
+"""Every knob of the service: the sole reader of files and of the environment.
+
+A setting has one name: `delay_s` in the TOML file is `HEADWAY_DELAY_S` in the environment, which wins. An unknown name
+in either stops the start; nothing is ignored.
+"""
+
+import difflib
+import hashlib
+import json
+import os
+import re
+import socket
+import tomllib
+from collections.abc import Callable, Container, Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from enum import StrEnum, unique
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
+
+from headway.core.config import DetectorConfig
+from headway.errors import UserError
+from headway_schemas.keys import ID_PATTERN, sanitise_id
+
+ENV_PREFIX = "HEADWAY_"
+
+
+class SettingsError(UserError):
+    """What is wrong with the settings and what is allowed, in one line."""
+
+
+@unique
+class Origin(StrEnum):
+    """Where an effective value comes from."""
+
+    DEFAULT = "default"
+    FILE = "file"
+    ENVIRONMENT = "environment"
+
+
+def _listed(value: object) -> object:
+    """Split the environment's form of a list: items apart by commas or blanks."""
+    return re.split(r"[,\s]+", value.strip(", \t\n")) if isinstance(value, str) and value.strip() else value or ()
+
+
+_D = DetectorConfig()
+Endpoints = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)]
+ModelName = Literal["ekf", "aekf", "headway"]
+
+
+def _knob(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
+    return Field(default, description=description, json_schema_extra={"unit": unit} if unit else None, **bounds)
+
+
+class Settings(BaseSettings):
+    """All settings, frozen. Detection first, then the bus, intake, what is told to others, and the process."""
+
+    model_config = SettingsConfigDict(env_prefix=ENV_PREFIX, frozen=True, extra="forbid", validate_default=True)
+
+    model: ModelName = _knob(_D.model, "Motion model that says what a reading should be.")
+    delay_s: float = _knob(
+        _D.delay_s, "Age at which the leader's action reaches the follower's response (tau).", "s", ge=0, le=5
+    )
+    delay_jitter_s: float = _knob(
+        _D.delay_jitter_s, "Standard deviation of that delay; only `ekf` and `aekf` use it.", "s", ge=0, le=5
+    )
+    alarm_budget_per_hour: float = _knob(
+        _D.alarm_budget_per_hour,
+        "False alarms accepted on clean traffic, per vehicle and hour.",
+        "1/h",
+        gt=0,
+        le=3600,
+    )
+    vehicle_capacity: int = _knob(
+        _D.vehicle_capacity, "Vehicles known at once; a further one is refused as table_full.", ge=1, le=1_000_000
+    )
+    forget_after_s: float = _knob(_D.forget_after_s, "Silence after which a vehicle is forgotten.", "s", gt=0, le=3600)
+    max_age_s: float = _knob(
+        _D.max_age_s, "Event time this far behind the receipt is refused as too_old.", "s", gt=0, le=3600
+    )
+    max_ahead_s: float = _knob(
+        _D.max_ahead_s, "Event time this far ahead of the receipt is refused as from_the_future.", "s", gt=0, le=3600
+    )
+    max_gap_s: float = _knob(_D.max_gap_s, "Silence after which a vehicle's filter starts anew.", "s", gt=0, le=60)
+    warming_readings: int = _knob(
+        _D.warming_readings, "Readings of a vehicle before its verdicts count.", ge=1, le=10_000
+    )
+    miss_after_s: float = _knob(
+        _D.miss_after_s, "Silence that never counts as a miss (SAE J2945/1 allows 0.6 s).", "s", ge=0.6, le=60
+    )
+    lane_width_m: float = _knob(
+        _D.lane_width_m, "Half of it to either side of a vehicle's path is where its leader may be.", "m", gt=0, le=20
+    )
+    pairing_range_m: float = _knob(_D.pairing_range_m, "How far ahead a leader is looked for.", "m", gt=0, le=1000)
+    evidence_readings: int = _knob(
+        _D.evidence_readings,
+        "Readings kept of each vehicle to replay a verdict from, an even number.",
+        ge=2,
+        le=1000,
+        multiple_of=2,
+    )
+
+    site: str = _knob(
+        "local", "Coverage of one roadside unit; a chunk of every key.", "", pattern=f"^(?:{ID_PATTERN})$"
+    )
+    prefix: str = _knob("v2x", "First chunks of every key.", "", pattern=f"^{ID_PATTERN}(?:/{ID_PATTERN})*$")
+    instance: str = _knob(
+        sanitise_id(socket.gethostname()),
+        "Name of this process among those of the site; by default the host's.",
+        "",
+        pattern=f"^(?:{ID_PATTERN})$",
+    )
+    mode: Literal["client", "peer", "router"] = _knob(
+        "peer", "client joins a router; peer lets clients come; router also passes on between them."
+    )
+    connect: Endpoints = _knob((), "zenoh endpoints to reach, such as tcp/10.0.0.1:7447.")
+    listen: Endpoints = _knob(("tcp/127.0.0.1:7447",), "zenoh endpoints to listen on; a client does not listen.")
+    zenoh_config: Path | None = _knob(
+        None, "JSON5 file of zenoh's own options (TLS, access control); mode and endpoints set here win over it."
+    )
+    connect_timeout_s: float = _knob(3.0, "One attempt to reach a router; attempts repeat.", "s", gt=0, le=60)
+    block_timeout_s: float = _knob(10.0, "A subscriber that takes no alert for so long is cut off.", "s", gt=0, le=600)
+
+    batch_limit: int = _knob(2_000, "Messages taken in one turn at most.", ge=1, le=100_000)
+    batch_bytes_limit: int = _knob(1 << 20, "Bytes taken in one turn at most.", "B", ge=1024, le=1 << 28)
+    queue_limit: int = _knob(50_000, "Messages waiting at most; beyond it the stalest is shed.", ge=1, le=10_000_000)
+    queue_bytes_limit: int = _knob(
+        64 << 20, "Bytes waiting at most; beyond it the stalest is shed.", "B", ge=1 << 16, le=1 << 34
+    )
+    payload_bytes_limit: int = _knob(
+        64 << 10, "A larger payload is refused as payload_too_large.", "B", ge=64, le=1 << 26
+    )
+    bundle_limit: int = _knob(512, "A bundle of more records is refused as bundle_too_large.", ge=1, le=65_536)
+    idle_sleep_s: float = _knob(
+        0.0005, "Rest between turns, in which a batch gathers; the larger, the less CPU.", "s", gt=0, le=0.1
+    )
+
+    state_rate_hz: float = _knob(1.0, "States of each vehicle told per second; 0 tells none.", "Hz", ge=0, le=10)
+    state_budget_hz: float = _knob(
+        1_000.0, "States told per second at most; beyond it each vehicle's turn comes later.", "Hz", gt=0, le=100_000
+    )
+    rejected_rate_hz: float = _knob(10.0, "Copies of rejected messages told per reason and second.", "Hz", ge=0, le=1e4)
+    rejected_bytes_limit: int = _knob(1024, "Payload kept in the copy of a rejected message.", "B", ge=0, le=1 << 16)
+    health_interval_s: float = _knob(1.0, "Time between two reports of own health.", "s", ge=0.1, le=60)
+    alert_queue_limit: int = _knob(
+        10_000, "Alerts waiting for a slow bus at most; then the oldest is dropped, and counted.", ge=1, le=1_000_000
+    )
+
+    http_host: str = _knob("127.0.0.1", "Address of /metrics, /livez and /readyz.")
+    http_port: int = _knob(9464, "Port of them; 0 takes a free one.", ge=0, le=65_535)
+    log_level: Literal["debug", "info", "warning", "error"] = _knob("info", "Least severity logged.")
+    log_format: Literal["json", "console"] = _knob("json", "One JSON object a line, or lines for people.")
+    stop_timeout_s: float = _knob(10.0, "Time to judge what is queued after SIGTERM.", "s", gt=0, le=600)
+
+    @model_validator(mode="after")
+    def _reachable(self) -> Self:
+        if self.mode == "client" and not self.connect and self.zenoh_config is None:
+            raise ValueError("mode client needs an endpoint in connect, such as tcp/127.0.0.1:7447")
+        return self
+
+    @classmethod
+    def settings_customise_sources(
+        cls,
+        settings_cls: type[BaseSettings],
+        init_settings: PydanticBaseSettingsSource,
+        env_settings: PydanticBaseSettingsSource,
+        dotenv_settings: PydanticBaseSettingsSource,
+        file_secret_settings: PydanticBaseSettingsSource,
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Let the environment win over what `load` read from the file."""
+        del settings_cls, dotenv_settings, file_secret_settings
+        return env_settings, init_settings
+
+    def detector(self) -> DetectorConfig:
+        """Return what changes a verdict."""
+        return DetectorConfig(**{field.name: getattr(self, field.name) for field in fields(DetectorConfig)})
+
+    @property
+    def config_hash(self) -> str:
+        """Twelve hexadecimal digits that differ when anything that changes a verdict differs."""
+        canonical = json.dumps(asdict(self.detector()), sort_keys=True)
+        return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded:
+    """Effective settings and where each comes from."""
+
+    settings: Settings
+    origins: Mapping[str, Origin]
+
+
+def load(file: Path | None = None) -> Loaded:
+    """Read the TOML `file`, then the environment over it.
+
+    Raises
+    ------
+    SettingsError
+        The file cannot be read, a name is unknown, or a value is not allowed.
+    """
+    in_file = _read(file) if file else {}
+    in_environment = {name[len(ENV_PREFIX) :].lower() for name in os.environ if name.upper().startswith(ENV_PREFIX)}
+    _refuse_unknown(in_file, f"in {file}", str)
+    _refuse_unknown(in_environment, "in the environment", _variable)
+    origins = {name: _origin(name, in_file, in_environment) for name in Settings.model_fields}
+    try:
+        return Loaded(Settings(**in_file), origins)
+    except ValidationError as error:
+        raise SettingsError("; ".join(_told(problem, origins) for problem in error.errors())) from None
+
+
+def _read(file: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(file.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{file}: {error.strerror or error}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{file}: not TOML: {error}") from None
+
+
+def _variable(name: str) -> str:
+    return ENV_PREFIX + name.upper()
+
+
+def _origin(name: str, in_file: Container[str], in_environment: Container[str]) -> Origin:
+    if name in in_environment:
+        return Origin.ENVIRONMENT
+    return Origin.FILE if name in in_file else Origin.DEFAULT
+
+
+def _refuse_unknown(names: Iterable[str], place: str, spell: Callable[[str], str]) -> None:
+    for name in sorted(names):
+        if name not in Settings.model_fields:
+            nearest = difflib.get_close_matches(name, Settings.model_fields, n=1)
+            hint = f"did you mean {spell(nearest[0])}?" if nearest else "`headway config show` lists the names"
+            raise SettingsError(f"unknown setting {spell(name)} {place}: {hint}")
+
+
+def _told(problem: Any, origins: Mapping[str, Origin]) -> str:
+    message = problem["msg"].removeprefix("Value error, ")
+    if not problem["loc"]:
+        return str(message)
+    name = str(problem["loc"][0])
+    shown = _variable(name) if origins[name] is Origin.ENVIRONMENT else name
+    return f"{shown} = {problem['input']!r}: {message[:1].lower()}{message[1:]} (allowed: {allowed(name)})"
+
+
+def allowed(name: str) -> str:
+    """Say in a few words which values a setting takes."""
+    entry = Settings.model_json_schema()["properties"][name]
+    if "enum" in entry:
+        return ", ".join(entry["enum"])
+    if "pattern" in entry:
+        return f"text matching {entry['pattern']}"
+    if "maximum" not in entry:
+        return str(entry.get("type", "path"))
+    low = f"from {entry['minimum']}" if "minimum" in entry else f"above {entry['exclusiveMinimum']}"
+    return f"{entry['type']} {low} to {entry['maximum']} {entry.get('unit', '')}".rstrip()

@@ -1,0 +1,143 @@
+import numpy as np
+import pytest
+from following import START_S, dip, follow, wave
+
+from headway.core.check import CHECK
+from headway.core.response import (
+    COLUMNS,
+    FULL,
+    LAGS,
+    MEAN_DRIVER,
+    OWN,
+    PULSE,
+    RESPONSE,
+    ResponseParams,
+    response_relink,
+    response_step,
+)
+from headway.core.tail import TailParams
+
+P = ResponseParams(TailParams(budget_per_hour=1.0))
+NEVER_FORGET = P._replace(memory_s=1e12)
+
+
+def run(readings: np.ndarray, p: ResponseParams = P, row: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The row after all readings, and a CHECK for each."""
+    row = np.zeros(1, RESPONSE) if row is None else row
+    checks = np.zeros(readings.size, CHECK)
+    for reading, check in zip(readings, checks, strict=True):
+        response_step(row[0], reading, p, check)
+    return row, checks
+
+
+def batch(readings: np.ndarray, ridge: float) -> np.ndarray:
+    """theta by least squares on the whole drive, from the equation in the module's docstring."""
+    at = readings[::4]
+    gap = at["leader_x_m"] - at["leader_length_m"] - at["x_m"]
+    own = np.stack(
+        [np.ones(at.size), gap / 20.0, at["v_mps"] / 10.0, at["leader_v_mps"] - at["v_mps"], np.log(gap)], axis=1
+    )
+    a, a_leader = np.diff(at["v_mps"]) / 0.4, np.diff(at["leader_v_mps"]) / 0.4
+    rows = [np.concatenate([own[k], a_leader[k - LAGS + 1 : k + 1][::-1]]) for k in range(LAGS - 1, len(a))]
+    phi, y = np.array(rows) * np.sqrt(0.4), a[LAGS - 1 :] * np.sqrt(0.4)
+    phi = np.vstack([phi, np.sqrt(ridge) * np.eye(COLUMNS)])
+    y = np.concatenate([y, np.sqrt(ridge) * np.array(MEAN_DRIVER)])
+    return np.linalg.lstsq(phi, y, rcond=None)[0]
+
+
+def test_theta_is_the_least_squares_fit_of_the_whole_drive() -> None:
+    readings = follow(100.0, np.random.default_rng(0), noise=0.01)
+    last_solved = readings[: 4 * 240 + 1]  # ticks 5, 10, ... are solved
+    row, checks = run(last_solved, NEVER_FORGET)
+    assert checks["statistic"].max() < 3.0  # no tick was given less weight
+    assert row["theta"][0] == pytest.approx(batch(last_solved, P.ridge_s), rel=1e-6, abs=1e-6)
+
+
+def test_pulse_gives_back_a_speed_change_of_its_own_shape() -> None:
+    shape = np.sin(np.pi * (np.arange(5) + 0.5) / 5)
+    assert np.dot(PULSE, shape / shape.sum()) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_feigned_brake_is_found_and_the_follower_moved() -> None:
+    readings = follow(120.0, np.random.default_rng(1))
+    speed, location = dip(100)
+    readings["v_mps"][1000:1100] += speed
+    readings["x_m"][1000:1100] += location
+    _, checks = run(readings)
+    assert not checks["anomalous"][:1000].any()
+    found = np.flatnonzero(checks["anomalous"])
+    assert 1000 < found[0] < 1030
+    assert checks["lean"][found[0]] > 1.0
+    assert checks["p_value"][found[0]] < 1e-4
+
+
+def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
+    readings = follow(120.0, np.random.default_rng(2))
+    speed, location = dip(60)
+    readings["leader_v_mps"][1000:1060] += speed
+    readings["leader_x_m"][1000:1060] += location
+    _, checks = run(readings)
+    found = np.flatnonzero(checks["anomalous"])
+    assert 1000 < found[0] < 1060
+    assert checks["lean"][found[-1]] < -1.0
+
+
+def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
+    def brakes(t_s: np.ndarray) -> np.ndarray:
+        return wave(t_s) - 3.0 * np.exp(-(((t_s - 102.0) / 1.5) ** 2))
+
+    _, checks = run(follow(120.0, np.random.default_rng(3), leader=brakes))
+    assert not checks["anomalous"].any()
+
+
+def test_the_anomaly_is_not_learnt() -> None:
+    readings = follow(110.0, np.random.default_rng(4))
+    honest = readings.copy()
+    speed, location = dip(100, depth_mps=6.0)
+    readings["v_mps"][1000:] += speed
+    readings["x_m"][1000:] += location
+    lied, checks = run(readings[:1045])
+    truthful, _ = run(honest[:1045])
+    assert checks["anomalous"].any()
+    assert lied["theta"][0] == pytest.approx(truthful["theta"][0], abs=0.05)
+
+
+def test_warming_is_said_until_enough_was_learnt_and_after_a_new_leader() -> None:
+    readings = follow(80.0, np.random.default_rng(5))
+    row, checks = run(readings)
+    until = int(np.argmax(~checks["warming"]))
+    assert P.warming_s < readings["t_s"][until] - START_S < P.warming_s + 5.0
+    assert not checks["warming"][until:].any()
+    response_relink(row[0])
+    again = readings.copy()
+    again["t_s"] += 80.0
+    again["leader_t_s"] += 80.0
+    _, checks = run(again, row=row)
+    until = int(np.argmax(~checks["warming"]))
+    assert until == pytest.approx(4 * FULL, abs=4)
+
+
+def test_without_a_leader_nothing_is_said() -> None:
+    readings = follow(60.0, np.random.default_rng(6))
+    for name in ("leader_t_s", "leader_x_m", "leader_v_mps", "leader_length_m"):
+        readings[name] = np.nan
+    row, checks = run(readings)
+    assert checks["warming"].all()
+    assert not checks["anomalous"].any()
+    assert row["heard_s"][0] == 0.0
+
+
+def test_a_driver_who_changes_for_good_is_learnt_again() -> None:
+    """A change of manner far beyond the gate alarms, then is how this driver drives."""
+    rng = np.random.default_rng(7)
+    readings = follow(600.0, rng)
+    nervous = 1.5 * np.sin(2.2 * (readings["t_s"] - START_S)) * (readings["t_s"] > START_S + 100.0)
+    readings["v_mps"] += nervous
+    _, checks = run(readings)
+    assert checks["anomalous"][1000:2000].any()
+    assert not checks["anomalous"][4500:].any()
+
+
+def test_the_row_is_small_and_says_what_it_holds() -> None:
+    assert RESPONSE.itemsize <= 2048
+    assert RESPONSE["theta"].shape == (OWN + LAGS,)

@@ -1,0 +1,68 @@
+"""A detector that says what it is told to."""
+
+
+import numpy as np
+
+from headway.core.batch import Batch
+from headway.core.outcome import Outcome
+from headway.core.records import READING, Kind, Sensor
+from headway.core.turn import AnomalyEvent, Evidence, PairStates, Phase, Turn
+
+class StubEngine:
+    """Scores every record, unless `outcomes` or `events` hold something else for the next step."""
+
+    def __init__(self, vehicles: int = 0) -> None:
+        self.vehicles = vehicles
+        self.pairs = 0
+        self.active_events = 0
+        self.batches: list[Batch] = []
+        self.outcomes: list[Outcome] | None = None
+        self.events: list[AnomalyEvent] = []
+
+    def step(self, batch: Batch, _now_us: int) -> Turn:
+        self.batches.append(batch)
+        outcomes = [Outcome.SCORED] * len(batch) if self.outcomes is None else self.outcomes
+        turn = Turn(outcomes=np.array(outcomes, np.uint8), events=self.events, nis=np.full(len(batch), 1.0))
+        self.outcomes, self.events = None, []
+        return turn
+
+    def states(self, stride: int = 1, phase: int = 0) -> PairStates:
+        rows = np.arange(phase, self.vehicles, stride)
+        n = rows.size
+        columns = {
+            name: np.full(n, 1.0)
+            for name in ("lat_deg", "lon_deg", "heading_deg", "x_m", "v_mps", "statistic", "gate", "nis")
+        }
+        return PairStates(
+            followers=[f"car{row}" for row in rows],
+            leaders=[None] * n,
+            t_us=np.full(n, 5),
+            gap_m=np.full(n, np.nan),
+            warming=rows == 0,
+            anomalous=rows == 1,
+            silent=rows == 2,
+            **columns,
+        )
+
+
+def event(**changes) -> AnomalyEvent:
+    fields = {
+        "event_id": "car1-5",
+        "phase": Phase.ONSET,
+        "kind": Kind.BIAS,
+        "sensor": Sensor.LOCATION,
+        "confidence": 0.9,
+        "suspect": "car1",
+        "leader": None,
+        "follower": "car1",
+        "t_us": 1_000,
+        "received_us": 3_000,
+        "nis": 40.0,
+        "gate": 20.0,
+        "statistic": 40.0,
+        "p_value": 1e-9,
+        "nu": (8.0, 0.1),
+        "recovered": (100.0, 20.0, 0.1, np.nan),
+        "evidence": Evidence(checkpoint=np.zeros((), READING), readings=np.zeros(3, READING)),
+    }
+    return AnomalyEvent(**(fields | changes))

@@ -1,0 +1,106 @@
+"""Whatever senders say, tracks and pairing stay finite, bounded and independent of the order within a wave."""
+
+import math
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from headway.core.geometry import metres_per_degree
+from headway.core.neighbours import new_grid
+from headway.core.outcome import Outcome
+from headway.core.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
+from headway.core.records import Records
+from headway.core.tracks import CRUMB_SPACING_M, CRUMBS, X, advance, leave_crumb, new_tracks
+
+ROWS = 4
+START_US = 1_700_000_000_000_000
+MAX_GAP_S = 5.0
+
+readings = st.tuples(
+    st.sampled_from([48.0, 48.0001, 48.0005, 90.0, -90.0, 0.0]) | st.floats(-90.0, 90.0),
+    st.sampled_from([11.0, 11.0001, 180.0, -180.0]) | st.floats(-180.0, 180.0),
+    st.sampled_from([0.0, 0.4, 15.0]) | st.floats(0.0, 163.8),
+    st.just(math.nan) | st.floats(0.0, 360.0),
+    st.booleans(),
+)
+waves = st.lists(
+    st.tuples(st.integers(-1_000_000, 7_000_000), st.lists(readings, min_size=ROWS, max_size=ROWS)),
+    min_size=1,
+    max_size=25,
+)
+
+
+def run(drive: list, order: NDArray[np.int64]) -> tuple[Records, Records]:
+    """Take the waves through both passes and a look, the rows of each wave in this order."""
+    tracks, pairing, grid = new_tracks(ROWS), new_pairing(ROWS), new_grid(ROWS)
+    t_us = START_US
+    for step_us, columns in drive:
+        t_us += step_us
+        lat, lon, speed, heading, trusted = (np.array(column)[order] for column in zip(*columns, strict=True))
+        times = np.full(ROWS, t_us)
+        unknown = np.full(ROWS, np.nan)
+        outcome, x_m = np.empty(ROWS, np.uint8), np.empty(ROWS)
+        missed, began, changed = np.empty(ROWS, np.int64), np.empty(ROWS, np.bool_), np.empty(ROWS, np.bool_)
+        counts = times // 100_000 % 128
+        own = (times, times, counts, lat, lon, speed, heading, unknown, unknown)
+        advance(tracks, order, *own, MAX_GAP_S, outcome, x_m, missed, began)
+        ok = outcome == Outcome.SCORED
+        assert (np.isfinite(x_m) == ok).all()
+        assert ((missed >= 0) & (missed < 128)).all()
+        leave_crumb(tracks, order[ok], trusted[ok], speed[ok])
+        look(tracks, pairing, grid, order[ok], (order[ok] + 1) % ROWS, t_us, 150.0, 3.6, changed)
+    return tracks, pairing
+
+
+@settings(deadline=None, max_examples=150)
+@given(waves)
+def test_any_readings_leave_finite_bounded_tracks(drive: list) -> None:
+    tracks, pairing = run(drive, np.arange(ROWS))
+    for name in tracks.dtype.names:
+        if tracks.dtype[name].kind == "f" and name != "accuracy_m":
+            assert np.isfinite(tracks[name]).all(), name
+    assert ((tracks["crumb_count"] >= 1) & (tracks["crumb_count"] <= CRUMBS)).all()
+    assert ((tracks["interval_s"] >= 0.01) & (tracks["interval_s"] <= MAX_GAP_S)).all()
+    size = np.hypot(tracks["heading_east"], tracks["heading_north"])
+    assert (np.isclose(size, 1.0) | (size == 0.0)).all()
+    for track in tracks:
+        back = (track["newest_crumb"] - np.arange(track["crumb_count"])) % CRUMBS
+        assert (np.diff(track["crumbs"][back, X]) <= -CRUMB_SPACING_M).all()
+    for row in range(ROWS):
+        leader, gap_m = leader_of(tracks, pairing, row), np.empty(1)
+        gaps_m(tracks, pairing, np.array([row]), gap_m)
+        assert leader != row
+        assert NOBODY <= leader < ROWS
+        assert np.isfinite(gap_m[0]) == (leader != NOBODY)
+
+
+@settings(deadline=None, max_examples=50)
+@given(waves, st.permutations(range(ROWS)))
+def test_the_order_of_rows_within_a_wave_is_of_no_account(drive: list, order: list[int]) -> None:
+    for one, other in zip(run(drive, np.arange(ROWS)), run(drive, np.array(order)), strict=True):
+        assert one.tobytes() == other.tobytes()
+
+
+@settings(deadline=None, max_examples=50)
+@given(
+    st.dictionaries(st.integers(1, 58), st.tuples(st.floats(-500.0, 500.0), st.floats(-500.0, 500.0)), max_size=20),
+    st.floats(0.0, 360.0),
+)
+def test_bad_positions_found_out_leave_no_trace(lies: dict[int, tuple[float, float]], heading: float) -> None:
+    """A straight drive at 20 m/s in any direction: its last odometer is its length, whatever was said on the way."""
+    tracks, row = new_tracks(1), np.array([0])
+    direction = math.sin(math.radians(heading)), math.cos(math.radians(heading))
+    east_per_degree, north_per_degree = metres_per_degree(48.0)
+    x_m = np.empty(1)
+    for k in range(60):
+        off = lies.get(k, (0.0, 0.0))
+        east, north = (2.0 * k * d + o for d, o in zip(direction, off, strict=True))
+        place = 48.0 + north / north_per_degree, 11.0 + east / east_per_degree
+        one = (np.array([value]) for value in (*place, 20.0, heading))
+        t_us, nan = np.array([START_US + k * 100_000]), np.array([np.nan])
+        out = np.empty(1, np.uint8), x_m, np.empty(1, np.int64), np.empty(1, np.bool_)
+        advance(tracks, row, t_us, t_us, np.array([k]), *one, nan, nan, MAX_GAP_S, *out)
+        leave_crumb(tracks, row, np.array([k not in lies]), np.array([20.0]))
+    assert abs(x_m[0] - 118.0) < 0.01

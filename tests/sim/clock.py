@@ -1,0 +1,19 @@
+"""Time that moves only when told to."""
+
+START_US = 1_700_000_000_000_000
+
+
+class FakeClock:
+    """Wall and monotonic time in step, in whole microseconds; `sleep` moves both on."""
+
+    def __init__(self) -> None:
+        self._elapsed_us = 0
+
+    def wall_us(self) -> int:
+        return START_US + self._elapsed_us
+
+    def monotonic_ns(self) -> int:
+        return 1_000 * self._elapsed_us
+
+    def sleep(self, seconds: float) -> None:
+        self._elapsed_us += round(seconds * 1e6)

@@ -1,0 +1,71 @@
+"""A bus in memory, with the production inbox."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from headway.edge.arrival import Arrival
+from headway.edge.inbox import Inbox
+from headway.edge.ports import Channel
+
+
+@dataclass
+class MemoryQuery:
+    key: str
+    parameters: dict[str, str] = field(default_factory=dict)
+    answers: list[bytes] = field(default_factory=list)
+
+    def answer(self, payload: bytes, _encoding: str) -> None:
+        self.answers.append(payload)
+
+
+class MemoryBus:
+    """Keeps what was published; `deliver` stands for the callback of a real bus."""
+
+    def __init__(self, inbox: Inbox) -> None:
+        self._inbox = inbox
+        self.published: list[tuple[Channel, str, bytes]] = []
+        self.unwanted: set[Channel] = set()
+        self.queries: deque[MemoryQuery] = deque()
+        self.dropped: dict[str, int] = {}
+        self.transports = 1
+        self.connected = True
+        self.subscribed = True
+        self.delivered = True
+
+    def deliver(self, arrival: Arrival) -> None:
+        self._inbox.put(arrival)
+
+    @property
+    def received(self) -> int:
+        return self._inbox.received
+
+    @property
+    def waiting(self) -> int:
+        return len(self._inbox)
+
+    @property
+    def shed(self) -> int:
+        return self._inbox.shed
+
+    @property
+    def shed_records(self) -> int:
+        return self._inbox.shed_records
+
+    def wanted(self, channel: Channel) -> bool:
+        return channel not in self.unwanted
+
+    def drain(self, limit: int, bytes_limit: int) -> list[Arrival]:
+        return self._inbox.drain(limit, bytes_limit)
+
+    def publish(self, channel: Channel, key: str, payload: bytes) -> None:
+        self.published.append((channel, key, payload))
+
+    def next_query(self) -> MemoryQuery | None:
+        return self.queries.popleft() if self.queries else None
+
+    def unsubscribe(self) -> None:
+        self.subscribed = False
+
+    def on(self, channel: Channel) -> list[tuple[str, bytes]]:
+        """What was published on one channel."""
+        return [(key, payload) for c, key, payload in self.published if c is channel]

@@ -1,0 +1,65 @@
+"""The production loop in a simulated world: whatever the network does, every delivered record has one outcome."""
+
+import pytest
+from sim.world import SimWorld
+
+from headway.core.config import DetectorConfig
+from headway.core.outcome import Outcome
+from headway.edge.ports import Channel
+
+
+def world(seed: int, **changes) -> SimWorld:
+    simulated = SimWorld(seed, **changes)
+    simulated.drive(vehicles=8, seconds=12.0)
+    return simulated
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_delivered_record_has_exactly_one_outcome(seed: int) -> None:
+    simulated = world(seed)
+    ledger, bus = simulated.rig.ledger, simulated.rig.bus
+    assert ledger.records == simulated.records > 900
+    assert bus.received == ledger.messages
+    assert ledger.scored > 300
+    assert {Outcome.WARMING, Outcome.DUPLICATE, Outcome.OUT_OF_ORDER} <= {o for o in Outcome if ledger[o]}
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_cannot_be_read_is_rejected_for_its_reason(seed: int) -> None:
+    simulated = world(seed, garbled=0.5)
+    told = {reason: simulated.rig.ledger[reason] for reason in simulated.spoilt}
+    assert told == simulated.spoilt
+    assert len(told) == 11
+
+
+def test_the_same_seed_gives_the_same_run_to_the_last_bit() -> None:
+    assert world(7).digest() == world(7).digest()
+    assert world(7).digest() != world(8).digest()
+
+
+def test_on_a_perfect_network_every_record_is_scored_or_warming_and_nothing_is_said() -> None:
+    simulated = SimWorld(3, loss=0.0, delay_s=(0.001, 0.002), doubled=0.0, garbled=0.0)
+    simulated.drive(vehicles=4, seconds=12.0)
+    ledger = simulated.rig.ledger
+    assert ledger.scored + ledger.warming + ledger[Outcome.DUPLICATE] + ledger[Outcome.OUT_OF_ORDER] == ledger.records
+
+
+def test_what_a_full_queue_sheds_is_accounted_for_by_its_records() -> None:
+    simulated = world(5, queue_limit=4, garbled=0.2)
+    ledger, bus = simulated.rig.ledger, simulated.rig.bus
+    assert bus.shed > 50
+    assert ledger.lost == {"shed": bus.shed_records}
+    assert ledger.records == simulated.records
+    assert bus.received == ledger.messages + bus.shed
+
+
+def test_more_vehicles_than_rows_are_refused_by_name() -> None:
+    simulated = world(6, detector=DetectorConfig(model="aekf", vehicle_capacity=4))
+    assert simulated.rig.ledger[Outcome.TABLE_FULL] > 100
+    assert simulated.rig.ledger.records == simulated.records
+
+
+def test_states_and_health_are_told_all_the_while() -> None:
+    simulated = world(2)
+    assert len(simulated.said(Channel.HEALTH)) >= 12
+    assert {state["follower"] for state in simulated.said(Channel.STATE)} >= {f"car{n}" for n in range(8)}
