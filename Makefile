@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: help venv demo test check bench format clean
+.PHONY: help venv demo test check bench browser format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -19,7 +19,7 @@ demo: venv  ## service and replay in one go, no router needed
 	$(BIN)/headway demo
 
 test: venv  ## the whole suite
-	$(BIN)/python -m pytest -m 'not bench'
+	$(BIN)/python -m pytest -m 'not bench and not browser'
 
 check: venv  ## lint, format, types, import contracts
 	$(BIN)/ruff check .
@@ -29,6 +29,10 @@ check: venv  ## lint, format, types, import contracts
 
 bench: venv  ## timing, side by side (pytest-benchmark)
 	$(BIN)/python -m pytest tests/bench -m bench --benchmark-only
+
+browser: venv  ## the dashboard in a real browser (Debian: apt-get install chromium)
+	@command -v chromium google-chrome >/dev/null || { echo 'make browser needs Chromium: apt-get install chromium'; exit 1; }
+	$(BIN)/python -m pytest tests/browser -m browser
 
 format: venv  ## rewrite in the house format
 	$(BIN)/ruff check --fix .

@@ -1,12 +1,14 @@
 """A stand-in for the service: what it would tell of some vehicles on a road, to those who listen."""
 
 import math
-from collections.abc import Iterator
+import socket
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import zenoh
 
+from headway.dashboard.feed import Heard, History, Link, Message
 from headway_schemas import Event, Evidence, Health, Innovation, Keys, Kind, PairState, Phase, Recovered, Sensor
 from headway_schemas.event import Stage
 from headway_schemas.history import EVENTS, AlertsQuery
@@ -35,9 +37,9 @@ def event(
     vehicle = suspect or f"veh-{n:04d}"
     off_x_m = 9.0 if sensor in {Sensor.LOCATION, Sensor.BOTH} else 0.0
     off_v_mps = 4.0 if sensor in {Sensor.SPEED, Sensor.BOTH} else 0.0
-    heard = kind is not Kind.MISS
-    readings = tuple(_readings(t_us / 1e6, (onset_us or t_us) / 1e6, off_x_m, off_v_mps)) if heard else ()
-    over = phase is not Phase.CLEARED
+    heard, over = kind is not Kind.MISS, phase is not Phase.CLEARED
+    wrong_s = ((onset_us or t_us) / 1e6 - 0.05, t_us / 1e6 - (0 if over else 1.0) + 0.05)
+    readings = tuple(_readings(t_us / 1e6, wrong_s, off_x_m, off_v_mps)) if heard else ()
     if not over:
         off_x_m = off_v_mps = 0.0
     statistic = 61.0 + 7.0 * math.sin(n) if over else 2.1
@@ -70,11 +72,11 @@ def event(
     )
 
 
-def _readings(until_s: float, wrong_from_s: float, off_x_m: float, off_v_mps: float) -> Iterator[Reading]:
+def _readings(until_s: float, wrong_s: tuple[float, float], off_x_m: float, off_v_mps: float) -> Iterator[Reading]:
     for i in range(40):
         t_s = until_s + (i - 39) / 10
         s = t_s % 1_000
-        wrong = t_s > wrong_from_s - 0.05
+        wrong = wrong_s[0] < t_s < wrong_s[1]
         v_mps = 26.0 + 1.5 * math.sin((s - 1.5) / 3)
         x_m = 26.0 * s - 4.5 * math.cos((s - 1.5) / 3)
         leader_v_mps = 26.0 + 1.5 * math.sin(s / 3)
@@ -203,6 +205,41 @@ def found(journal: list[Event], asked: AlertsQuery) -> list[Event]:
     last_us = wanted[asked.limit - 1].detected_us if len(wanted) > asked.limit else 0
     kept = [e for e in wanted if e.detected_us >= last_us]
     return kept if asked.evidence else [e.model_copy(update={"evidence": None}) for e in kept]
+
+
+class FakeFeed:
+    """A feed without a bus: what is put into `heard` is what comes next."""
+
+    def __init__(self, journal: list[Event] | None = None) -> None:
+        self.heard: list[Heard] = []
+        self.journal = journal
+        self.asked: list[AlertsQuery] = []
+        self.link = Link(connected=True, connections=1, dropped=0, unreadable=0)
+        self.started = self.closed = False
+
+    def hear(self, *messages: Message, site: str = "local") -> None:
+        self.heard += [Heard(site, message) for message in messages]
+
+    def start(self) -> None:
+        self.started = True
+
+    def drain(self) -> Iterator[Heard]:
+        taken, self.heard = self.heard, []
+        return iter(taken)
+
+    def history(self, sites: Sequence[str], query: AlertsQuery) -> History:
+        self.asked.append(query)
+        events = [e for e in found(self.journal or [], query) if e.site in sites]
+        return History(events, answers=0 if self.journal is None else len(sites))
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def free_port() -> int:
+    """Return a port that nobody listens on now."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        return int(listener.getsockname()[1])
 
 
 def bus(mode: str, **endpoints: str) -> zenoh.Session:

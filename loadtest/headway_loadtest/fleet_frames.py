@@ -9,17 +9,18 @@ from headway_loadtest.corrupt import Label, sendable_speed
 from headway_loadtest.frames import MSG_CNT_MASK, Frame, Vehicle
 from headway_loadtest.inject import F64, Injected, Kind, Spec, inject
 from headway_loadtest.road import displace
-from headway_loadtest.sources.synthetic import STEP_MS, STEP_S, Fleet, Readings, vehicle_id
+from headway_loadtest.sources.synthetic import STEP_MS, Fleet, Readings, vehicle_id
 
 COHORT = 1000
 
 
 class FleetFrames:
-    """Frames of `vehicles` synthetic vehicles, 10 messages a second each, for so many seconds.
+    """Frames of `vehicles` synthetic vehicles, a message every `step_ms` from each, for so many seconds.
 
-    The fleet is stepped in cohorts of 1000, each with a window of its own in every 0.1 s, so that no step holds up the
+    The fleet is stepped in cohorts of 1000, each with a window of its own in every step, so that none holds up the
     sending for longer than a fraction of a millisecond. With `burst` everyone sends at the same instant. With
     `rotate_s` each vehicle takes a new identifier that often, at a time of its own. An injection is of sensor kinds.
+    They can be played once.
     """
 
     def __init__(
@@ -31,10 +32,11 @@ class FleetFrames:
         inject: Spec | None = None,
         burst: bool = False,
         rotate_s: float = np.inf,
+        step_ms: int = STEP_MS,
     ) -> None:
-        self._steps = round(seconds / STEP_S)
+        self._steps = round(1000 * seconds / step_ms)
         cohorts = -(-vehicles // COHORT)
-        bounds = np.zeros(cohorts + 1, int) if burst else np.arange(cohorts + 1) * STEP_MS // cohorts
+        bounds = np.zeros(cohorts + 1, int) if burst else np.arange(cohorts + 1) * step_ms // cohorts
         self._cohorts = [
             _Cohort(
                 Fleet(
@@ -42,8 +44,10 @@ class FleetFrames:
                     seed,
                     first=first,
                     window_ms=(int(bounds[first // COHORT]), int(bounds[first // COHORT + 1])),
+                    step_ms=step_ms,
                 ),
                 first,
+                step_ms,
                 _Lies(np.random.default_rng((seed, first, 1)), min(COHORT, vehicles - first), self._steps, inject),
                 rotate_s,
             )
@@ -58,10 +62,11 @@ class FleetFrames:
 
 
 class _Cohort:
-    def __init__(self, fleet: Fleet, first: int, lies: "_Lies", rotate_s: float) -> None:
+    def __init__(self, fleet: Fleet, first: int, step_ms: int, lies: "_Lies", rotate_s: float) -> None:
         n = len(fleet.length_m)
         self._fleet = fleet
         self._first = first
+        self._step_ms = step_ms
         self._lies = lies
         self._sent = np.zeros(n, np.int64)
         self._life = np.full(n, -1)
@@ -77,7 +82,7 @@ class _Cohort:
         msg_cnt = self._sent[order] & MSG_CNT_MASK
         self._sent[order] += 1
         return Frame(
-            entering=self._entering(step * STEP_S),
+            entering=self._entering(step),
             t_us=told.t_ms[order] * 1000,
             row=order + self._first,
             msg_cnt=msg_cnt,
@@ -90,17 +95,17 @@ class _Cohort:
     def labels(self) -> list[Label]:
         return [
             Label(
-                self._id(row, int(self._lives(event.start * STEP_S)[row])),
+                self._id(row, int(self._lives(event.start)[row])),
                 event.sensor,
                 event.kind,
-                (event.start - (event.kind is Kind.MISS)) * STEP_MS * 1000,
-                event.stop * STEP_MS * 1000,
+                (event.start - (event.kind is Kind.MISS)) * self._step_ms * 1000,
+                event.stop * self._step_ms * 1000,
             )
             for row, event in self._lies.events
         ]
 
-    def _entering(self, now_s: float) -> tuple[Vehicle, ...]:
-        life = self._lives(now_s)
+    def _entering(self, step: int) -> tuple[Vehicle, ...]:
+        life = self._lives(step)
         changed = np.flatnonzero(life != self._life).tolist()
         self._life = life
         return tuple(
@@ -108,8 +113,8 @@ class _Cohort:
             for row in changed
         )
 
-    def _lives(self, now_s: float) -> NDArray[np.int64]:
-        return ((now_s + self._head_start_s) // self._rotate_s).astype(np.int64)
+    def _lives(self, step: int) -> NDArray[np.int64]:
+        return ((step * self._step_ms / 1000 + self._head_start_s) // self._rotate_s).astype(np.int64)
 
     def _id(self, row: int, life: int) -> str:
         return vehicle_id(self._first + row, life)

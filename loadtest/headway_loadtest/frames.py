@@ -8,11 +8,13 @@ import numpy as np
 
 from headway_loadtest.corrupt import Label, corrupt
 from headway_loadtest.inject import Spec
-from headway_loadtest.trajectory import F64, I64, Drive, Scene
+from headway_loadtest.prefetch import prefetch
+from headway_loadtest.trajectory import F64, I64, Drive, Scene, SourceError
 
 FRAME_S = 0.2
 MSG_CNT_MASK = 127
 PHASES_MS = 100
+SCENES_AHEAD = 64
 
 LeaderRecord = tuple[str, float, float]
 
@@ -67,10 +69,12 @@ class _Playing:
 
 
 class SceneFrames:
-    """Frames of scenes, read as they are needed: while fewer than `concurrent` vehicles are under way, another enters.
+    """Frames of scenes: while fewer than `concurrent` vehicles are under way, another scene enters.
 
-    A scene enters at a phase of its own within 0.1 s, in whole milliseconds, drawn from the seed. `labels` fills as
-    vehicles enter, with what is injected and with the silences of the recordings. Each iteration starts anew. `seconds` cuts the replay short.
+    Scenes are read as they are needed, by a thread that is a few of them ahead, so that reading does not hold up
+    sending. A scene enters at a phase of its own within 0.1 s, in whole milliseconds, drawn from the seed. `labels`
+    fills as vehicles enter, with what is injected and with the silences of the recordings. Each iteration starts anew.
+    `seconds` cuts the replay short.
     """
 
     def __init__(
@@ -92,7 +96,7 @@ class SceneFrames:
     def __iter__(self) -> Iterator[Frame]:
         self.labels.clear()
         rng = np.random.default_rng(self._seed)
-        waiting = iter(self._scenes)
+        waiting = prefetch(self._scenes, SCENES_AHEAD)
         playing: list[_Playing] = []
         entered, now_s, exhausted = 0, 0.0, False
         while now_s < self._seconds:
@@ -102,6 +106,8 @@ class SceneFrames:
                 exhausted = scene is None
                 phase_us = 1000 * int(rng.integers(PHASES_MS))
                 for drive in self._told(scene or (), round(now_s * 1e6) + phase_us):
+                    if any(drive.vehicle == other.drive.vehicle for other in playing):
+                        raise SourceError(f"{drive.vehicle} drives twice at once: is a source named twice?")
                     entering.append(Vehicle(entered, drive.vehicle, drive.length_m))
                     playing.append(_Playing(drive, entered, round(now_s * 1e6) + phase_us))
                     entered += 1

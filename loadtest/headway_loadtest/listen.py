@@ -3,11 +3,11 @@
 import json
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import zenoh
-from pydantic import ValidationError
 
+from headway_loadtest.ledger import Counters
 from headway_loadtest.replay import Clock
 from headway_schemas import Event, Keys, Kind, Phase, Sensor
 
@@ -31,10 +31,18 @@ class Episode:
 
 
 class Health(NamedTuple):
-    """A health message as it arrived. What it lacks is unknown, so that an older service can be judged too."""
+    """A health message as it arrived. `content` may lack figures, so that an older service can be judged too."""
 
     received_ns: int
+    instance: str
+    counters: Counters
     content: dict[str, Any]
+
+    @classmethod
+    def read(cls, payload: bytes, received_ns: int) -> Self:
+        """Read a payload. Raises ValueError, TypeError or KeyError where it is not the health of a service."""
+        content = json.loads(payload)
+        return cls(received_ns, content["instance"], Counters.of(content), content)
 
 
 class _Arrival(NamedTuple):
@@ -45,7 +53,7 @@ class _Arrival(NamedTuple):
 
 @dataclass(slots=True)
 class Heard:
-    """All that was heard so far. `unread` counts messages that could not be read or waited too many."""
+    """All that was heard so far. `unread` counts messages that could not be read or came too many at once."""
 
     episodes: dict[str, Episode] = field(default_factory=dict)
     alerts: int = 0
@@ -53,11 +61,10 @@ class Heard:
     unread: int = 0
 
     def alert(self, event: Event, received_ns: int) -> None:
-        """Enter an event: the first word of it opens an episode, the others prolong it."""
+        """Enter an event: its onset opens an episode, the others prolong it; one that began before us is not ours."""
         self.alerts += 1
-        episode = self.episodes.get(event.event_id)
-        if episode is None:
-            episode = self.episodes[event.event_id] = Episode(
+        if event.phase is Phase.ONSET:
+            self.episodes[event.event_id] = Episode(
                 event_id=event.event_id,
                 received_ns=received_ns,
                 kind=event.kind,
@@ -68,6 +75,9 @@ class Heard:
                 onset_us=event.t_us,
                 last_us=event.t_us,
             )
+        episode = self.episodes.get(event.event_id)
+        if episode is None:
+            return
         episode.kind, episode.sensor = event.kind, event.sensor
         episode.last_us = max(episode.last_us, event.t_us)
         episode.cleared = event.phase is Phase.CLEARED
@@ -93,8 +103,8 @@ class Listener:
                 if is_alert:
                     self.heard.alert(Event.model_validate_json(payload), received_ns)
                 else:
-                    self.heard.health.append(Health(received_ns, json.loads(payload)))
-            except (ValidationError, ValueError):
+                    self.heard.health.append(Health.read(payload, received_ns))
+            except (ValueError, TypeError, KeyError):
                 self.heard.unread += 1
         return self.heard
 

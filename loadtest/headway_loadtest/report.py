@@ -17,6 +17,19 @@ GENERATOR_LATE_MS = 5.0
 """A generator that is later than this one time in a hundred says so."""
 
 
+MEANINGS = {
+    "noise": "readings scatter",
+    "bias": "readings are off by a constant",
+    "drift": "readings move away slowly",
+    "short": "one reading is off",
+    "miss": "readings stay out",
+    "feigned-brake": "pretends to brake",
+    "drag": "drags its position along",
+    "replay": "sends what it drove before",
+    "freeze": "keeps sending one speed",
+}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Targets:
     """What a load test must meet; None is not asked for. Nothing lost and nothing unaccounted is always asked for."""
@@ -124,26 +137,13 @@ def _detection(quality: Quality) -> RenderableType:
     if not quality.by_kind:
         return Text("No false readings were put in.", "dim")
     table = Table(title="False readings put in, and found", title_justify="left", box=None, pad_edge=False)
-    for heading, justify in (("what", "left"), ("put in", "right"), ("found", "right"), ("after", "right")):
-        table.add_column(heading, justify="right" if justify == "right" else "left")
+    table.add_column("what")
+    for heading in ("put in", "found", "after"):
+        table.add_column(heading, justify="right")
     for kind, score in quality.by_kind.items():
-        after = "-" if score.delay_s is None else f"{score.delay_s:.1f} s"
-        table.add_row(f"{kind}: {MEANINGS[kind]}", str(score.events), f"{score.found}", after)
+        table.add_row(f"{kind}: {MEANINGS[kind]}", str(score.events), str(score.found), _duration(score.delay_s))
     table.add_row("[bold]all[/]", f"[bold]{quality.events}[/]", f"[bold]{quality.found}[/]", "")
     return table
-
-
-MEANINGS = {
-    "noise": "readings scatter",
-    "bias": "readings are off by a constant",
-    "drift": "readings move away slowly",
-    "short": "one reading is off",
-    "miss": "readings stay out",
-    "feigned-brake": "pretends to brake",
-    "drag": "drags its position along",
-    "replay": "sends what it drove before",
-    "freeze": "keeps sending one speed",
-}
 
 
 def _false_alarms(quality: Quality) -> RenderableType:
@@ -175,8 +175,9 @@ def _verdict_on_books(ledger: Ledger) -> Text:
 
 def _times(outcome: Outcome) -> Table:
     table = Table(title="How long it took (ms)", title_justify="left", box=None, pad_edge=False)
-    for heading in ("from when it was to be sent", "half within", "99 % within", "99.9 % within", "longest"):
-        table.add_column(heading, justify="left" if heading.startswith("from") else "right")
+    table.add_column("from when it was to be sent")
+    for heading in ("half within", "99 % within", "99.9 % within", "longest"):
+        table.add_column(heading, justify="right")
     for name, percentiles in (
         ("until it was judged", outcome.latency),
         ("until a subscriber had the alert", outcome.alert_latency),
@@ -202,6 +203,12 @@ def _remarks(outcome: Outcome) -> list[str]:
         else "",
         f"[yellow]Sending was held up for {outcome.stalled_s:.1f} s in all.[/]" if outcome.stalled_s else "",
     ]
+
+
+def _duration(seconds: float | None) -> str:
+    if seconds is None:
+        return "-"
+    return f"{seconds:.1f} s" if seconds >= 0.1 else f"{seconds * 1e3:.0f} ms"
 
 
 def _rounded(value: float | None) -> float | None:

@@ -8,6 +8,7 @@ import gc
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import chain, islice
 from typing import NamedTuple, Protocol
 
 import zenoh
@@ -16,11 +17,12 @@ from headway_loadtest.corrupt import Label
 from headway_loadtest.encode import Encoder
 from headway_loadtest.frames import Frame
 from headway_loadtest.latency import Percentiles, measure, of_buckets, of_histogram
-from headway_loadtest.ledger import Counters, Ledger, settle
+from headway_loadtest.ledger import Ledger, settle
 from headway_loadtest.listen import Health, Heard, Listener
 from headway_loadtest.quality import Quality, assess
-from headway_loadtest.replay import Clock, Sent, SystemClock, put_on, send
+from headway_loadtest.replay import Clock, Put, Sent, SystemClock, put_on, send
 from headway_loadtest.schedule import Schedule
+from headway_loadtest.session import Link
 from headway_schemas import Keys, Kind
 
 SERVICE_WAIT_S = 5.0
@@ -28,8 +30,6 @@ LEAD_IN_S = 0.2
 SETTLE_S = 15.0
 QUIET_S = 2.0
 PROGRESS_NS = 100_000_000
-MESSAGES_PER_HOUR = 36_000
-"""Of one vehicle at 10 Hz."""
 INTENDED = "intended"
 """The service's stage from a message's event time to its outcome."""
 
@@ -45,6 +45,20 @@ class Frames(Protocol):
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames in order."""
         ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """How to replay: in real time or `speed` times as fast, one message or up to `bundle` to a payload.
+
+    `span_s` is how long the frames last, in event time: it is needed at other speeds than 1, to have the events end at
+    now. The first `warmup_s` seconds count for the ledger, but for no latency and no cost.
+    """
+
+    speed: float = 1.0
+    span_s: float = 0.0
+    bundle: int = 1
+    warmup_s: float = 0.0
 
 
 class Progress(NamedTuple):
@@ -105,6 +119,8 @@ class _Run:
     ended_ns: int
     sent: Sent
     ids: list[str]
+    """By row; the newest where they rotate."""
+    ids_ever: set[str]
     heard: Heard
     reports: list[Health]
     """Of one instance, in order; the first is from before the first message."""
@@ -114,52 +130,47 @@ def run(
     session: zenoh.Session,
     frames: Frames,
     keys: Keys,
-    *,
-    bundle: int = 1,
-    speed: float = 1.0,
-    span_s: float = 0.0,
-    warmup_s: float = 0.0,
+    plan: Plan,
     on_progress: Callable[[Progress], None] = lambda _progress: None,
 ) -> Outcome:
-    """Replay frames in real time or `speed` times as fast, and judge what comes of it.
+    """Replay frames over the bus and judge what comes of it; without a service on the site they are sent all the same.
 
-    `span_s` is how long the frames last, in event time; it matters at other speeds than 1 only, to have the events end
-    at now. The first `warmup_s` seconds count for the ledger, but for no latency and no cost. Without a service on the
-    site the frames are sent all the same.
+    `on_progress` is called from the sending loop about ten times a second: it must be quick.
     """
     clock = SystemClock()
-    listener = Listener(session, keys, clock)
+    listener, link = Listener(session, keys, clock), Link(session)
     try:
-        played = _play(session, listener, clock, frames, keys, bundle, speed, span_s, warmup_s, on_progress)
+        played = _play(put_on(session), listener, link, clock, frames, keys, plan, on_progress)
     finally:
+        link.close()
         listener.close()
-    return _outcome(played, frames.labels, warmup_s)
+    return _outcome(played, frames.labels, plan)
 
 
 def _play(
-    session: zenoh.Session,
+    put: Put,
     listener: Listener,
+    link: Link,
     clock: Clock,
     frames: Frames,
     keys: Keys,
-    bundle: int,
-    speed: float,
-    span_s: float,
-    warmup_s: float,
+    plan: Plan,
     on_progress: Callable[[Progress], None],
 ) -> _Run:
     _wait(clock, SERVICE_WAIT_S, lambda: bool(listener.drain().health))
-    instance = listener.heard.health[0].content["instance"] if listener.heard.health else ""
+    instance = listener.heard.health[0].instance if listener.heard.health else ""
+    to_play = iter(frames)
+    first = list(islice(to_play, 1))
     gc.collect()
     gc.freeze()
     schedule = Schedule(
         start_ns=clock.monotonic_ns() + round(LEAD_IN_S * 1e9),
         start_unix_us=time.time_ns() // 1000 + round(LEAD_IN_S * 1e6),
-        speed=speed,
-        span_s=span_s,
+        speed=plan.speed,
+        span_s=plan.span_s,
     )
-    warm_ns = schedule.start_ns + round(warmup_s * 1e9)
-    encoder = Encoder(keys, bundle=bundle)
+    warm_ns = schedule.start_ns + round(plan.warmup_s * 1e9)
+    encoder = Encoder(keys, bundle=plan.bundle)
     told_ns = 0
 
     def between(sent: Sent, due_ns: int) -> None:
@@ -167,17 +178,33 @@ def _play(
         if due_ns - told_ns >= PROGRESS_NS:
             told_ns = due_ns
             heard = listener.drain()
-            on_progress(Progress((due_ns - schedule.start_ns) * speed / 1e9, sent.records, heard.alerts))
+            on_progress(Progress((due_ns - schedule.start_ns) * plan.speed / 1e9, sent.records, heard.alerts))
 
     try:
-        sent = send(encoder.batches(frames, schedule), put_on(session), clock=clock, warm_ns=warm_ns, between=between)
+        sent = send(
+            encoder.batches(chain(first, to_play), schedule),
+            put,
+            clock=clock,
+            warm_ns=warm_ns,
+            is_up=link.is_up,
+            between=between,
+        )
     finally:
         gc.unfreeze()
     ended_ns = clock.monotonic_ns()
     _wait(clock, SETTLE_S if instance else QUIET_S, lambda: _is_quiet(listener.drain(), instance, ended_ns))
-    reports = [report for report in listener.heard.health if report.content["instance"] == instance]
+    reports = [report for report in listener.heard.health if report.instance == instance]
     early = [report for report in reports if report.received_ns < schedule.start_ns]
-    return _Run(schedule, warm_ns, ended_ns, sent, encoder.ids, listener.heard, reports[max(0, len(early) - 1) :])
+    return _Run(
+        schedule,
+        warm_ns,
+        ended_ns,
+        sent,
+        encoder.ids,
+        encoder.ids_ever,
+        listener.heard,
+        reports[max(0, len(early) - 1) :],
+    )
 
 
 def _wait(clock: Clock, at_most_s: float, done: Callable[[], bool]) -> None:
@@ -189,17 +216,17 @@ def _wait(clock: Clock, at_most_s: float, done: Callable[[], bool]) -> None:
 def _is_quiet(heard: Heard, instance: str, ended_ns: int) -> bool:
     """Whether the service has nothing in hand and reports the same count twice, the first time well after the end."""
     counters = [
-        Counters.of(report.content)
+        report.counters
         for report in heard.health
-        if report.content["instance"] == instance and report.received_ns > ended_ns + QUIET_S * 1e9 / 2
+        if report.instance == instance and report.received_ns > ended_ns + QUIET_S * 1e9 / 2
     ]
     return len(counters) >= 2 and not counters[-1].queued and counters[-1].outcomes == counters[-2].outcomes
 
 
-def _outcome(played: _Run, labels: list[Label], warmup_s: float) -> Outcome:
+def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:
     schedule, sent, heard, reports = played.schedule, played.sent, played.heard, played.reports
     origin_us = schedule.first_event_us
-    episodes = list(heard.episodes.values())
+    episodes = [episode for episode in heard.episodes.values() if episode.suspect in played.ids_ever]
     latencies_us = [
         (episode.received_ns - due_ns) / 1e3
         for episode in episodes
@@ -210,13 +237,13 @@ def _outcome(played: _Run, labels: list[Label], warmup_s: float) -> Outcome:
         episodes,
         schedule=schedule,
         last_us=dict(zip(played.ids, sent.last_event_us.tolist(), strict=False)),
-        vehicle_hours=sent.records / MESSAGES_PER_HOUR,
+        vehicle_hours=sent.vehicle_hours,
     )
     service = _service(played) if len(reports) > 1 else None
     return Outcome(
         vehicles=len(played.ids),
         seconds=(played.ended_ns - schedule.start_ns) / 1e9,
-        warmup_s=warmup_s,
+        warmup_s=plan.warmup_s,
         speed=schedule.speed,
         sent=sent.records,
         late=of_histogram(sent.late_us),
@@ -238,8 +265,8 @@ def _service(played: _Run) -> Service:
     busy = [report for report in played.reports if warm.received_ns < report.received_ns <= played.ended_ns]
     sent = played.sent
     return Service(
-        instance=last.content["instance"],
-        ledger=settle(sent.records, sent.lost, Counters.of(before.content), Counters.of(last.content)),
+        instance=last.instance,
+        ledger=settle(sent.records, sent.lost, before.counters, last.counters),
         stages=_stages(warm, last),
         cpu_us=_cpu_us(warm, busy[-1] if busy else last),
         rss_mb=last.content.get("rss_mb"),
@@ -254,7 +281,7 @@ def _stages(warm: Health, last: Health) -> dict[str, Percentiles]:
 
 
 def _cpu_us(warm: Health, busy: Health) -> float | None:
-    outcomes = Counters.of(busy.content).outcomes - Counters.of(warm.content).outcomes
+    outcomes = busy.counters.outcomes - warm.counters.outcomes
     if outcomes <= 0 or busy.content.get("cpu_s") is None or warm.content.get("cpu_s") is None:
         return None
     used_s: float = busy.content["cpu_s"] - warm.content["cpu_s"]

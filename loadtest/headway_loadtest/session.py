@@ -9,6 +9,29 @@ BLOCK_S = 60.0
 """How long a put waits for a full transport before zenoh closes it: an overload shows as latency, not as loss."""
 
 
+class Link:
+    """Whether there is another end, as zenoh's own events tell: a put with nobody there vanishes without a word."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._neighbours: set[str] = set()
+        self._listener = session.info.declare_transport_events_listener(self._hear, history=True)
+
+    def is_up(self) -> bool:
+        """Whether a router or service is connected."""
+        return bool(self._neighbours)
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._listener.undeclare()
+
+    def _hear(self, event: zenoh.TransportEvent) -> None:
+        neighbour = str(event.transport.zid)
+        if event.kind == zenoh.SampleKind.PUT:
+            self._neighbours.add(neighbour)
+        else:
+            self._neighbours.discard(neighbour)
+
+
 class SessionError(RuntimeError):
     """No session: one line that says where it was looked for and what to do."""
 

@@ -13,9 +13,19 @@ from headway.version import version
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 config_app = typer.Typer(no_args_is_help=True, help="Settings: effective values, a check, their schema.")
 app.add_typer(config_app, name="config")
+evaluate_app = typer.Typer(no_args_is_help=True, help="Offline experiments with the service's own core.")
+app.add_typer(evaluate_app, name="evaluate")
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file of settings; HEADWAY_* wins over it.")]
+Connect = Annotated[
+    list[str] | None, typer.Option("--connect", help="zenoh endpoint of the service or a router; may be repeated.")
+]
+Sites = Annotated[list[str] | None, typer.Option("--site", help="Site to show; may be repeated.")]
+ZenohConfig = Annotated[Path | None, typer.Option(help="JSON5 file of zenoh's own options, such as certificates.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output and nothing else.")]
+
+
+DEFAULT_SITES = ["local"]
 
 
 def main() -> None:
@@ -49,6 +59,139 @@ def serve(config: ConfigFile = None) -> None:
     from headway.settings import load
 
     service.serve(load(config))
+
+
+@app.command()
+def demo(
+    pairs: Annotated[int, typer.Option(min=1, max=2000, help="Pairs of cars.")] = 24,
+    seconds: Annotated[float, typer.Option(min=10, max=3600, help="How long they drive.")] = 40.0,
+    as_json: AsJson = False,
+) -> None:
+    """Service and replay in one go, no router needed; ends with a report."""
+    from headway import trials
+
+    trials.demo(pairs=pairs, seconds=seconds, as_json=as_json)
+
+
+@app.command()
+def replay(
+    sources: Annotated[list[str], typer.Argument(help="An SPMD folder, pair CSV files, or synthetic:N.")],
+    site: Annotated[str, typer.Option(help="Site whose keys to use.")] = "local",
+    speed: Annotated[float, typer.Option(min=0.01, help="Times real time; above 1 the service needs max_age_s.")] = 1.0,
+    inject: Annotated[str | None, typer.Option(help="Anomalies, such as c=1,p=0.005,kinds=noise+bias+drift.")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed replays the same.")] = 0,
+    connect: Annotated[str, typer.Option(help="zenoh endpoint of the service or a router.")] = "tcp/127.0.0.1:7447",
+    seconds: Annotated[float, typer.Option(min=1, help="Stop after so long; a synthetic fleet drives so long.")] = 600,
+) -> None:
+    """Replay drives to a running service, in real time or faster, with injected anomalies."""
+    from headway import trials
+
+    trials.replay(sources, site=site, speed=speed, inject=inject, seed=seed, endpoint=connect, seconds=seconds)
+
+
+@app.command()
+def loadtest(
+    vehicles: Annotated[
+        int, typer.Option(min=1, help="Synthetic vehicles; with --find-limit, the most to try.")
+    ] = 1000,
+    seconds: Annotated[float, typer.Option(min=5, help="How long to measure, after 5 s of warm-up.")] = 30.0,
+    rate_hz: Annotated[float, typer.Option(min=1, max=10, help="Messages of each vehicle per second.")] = 10.0,
+    bundle: Annotated[int, typer.Option(min=1, max=512, help="Records per payload.")] = 1,
+    burst: Annotated[bool, typer.Option(help="Everybody sends at the same instant.")] = False,
+    rotate_s: Annotated[float, typer.Option(min=1, help="Each vehicle takes a new id this often.")] = float("inf"),
+    find_limit: Annotated[bool, typer.Option(help="Find the most vehicles that meet the targets.")] = False,
+    as_json: AsJson = False,
+) -> None:
+    """Measure latency, loss and cost of a service in a process of its own; exit 1 when a target is missed."""
+    from headway import trials
+
+    if find_limit:
+        raise typer.Exit(trials.find_limit(vehicles_max=vehicles, bundle=bundle, as_json=as_json))
+    missed = trials.loadtest(
+        vehicles=vehicles, seconds=seconds, bundle=bundle, burst=burst, rotate_s=rotate_s, as_json=as_json
+    )
+    raise typer.Exit(missed)
+
+
+@app.command()
+def watch(
+    connect: Connect = None,
+    site: Sites = None,
+    zenoh_config: ZenohConfig = None,
+    as_json: Annotated[bool, typer.Option("--json", help="JSON objects, one a line.")] = False,
+) -> None:
+    """Show alerts, pairs and health in the terminal; plain lines where there is none."""
+    from headway.dashboard import DashboardError
+    from headway.dashboard import watch as view
+
+    try:
+        view.watch(
+            connect=_endpoints(connect, zenoh_config),
+            sites=site or DEFAULT_SITES,
+            zenoh_config=zenoh_config,
+            as_json=as_json,
+        )
+    except DashboardError as error:
+        raise UserError(str(error)) from None
+
+
+@app.command()
+def dashboard(
+    connect: Connect = None,
+    site: Sites = None,
+    zenoh_config: ZenohConfig = None,
+    host: Annotated[str, typer.Option(help="Address of the page; beyond loopback a token is needed.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=0, max=65_535, help="Port of the page; 0 takes a free one.")] = 8080,
+    token_file: Annotated[Path | None, typer.Option(help="File with the token that opens the page.")] = None,
+    name: Annotated[list[str] | None, typer.Option(help="Further host name of the page; may be repeated.")] = None,
+) -> None:
+    """Serve a web page of alerts, pairs and health."""
+    from headway.dashboard import DashboardError
+
+    try:
+        from headway.dashboard import server
+    except ModuleNotFoundError as error:
+        raise UserError(f"the page needs {error.name}: pip install 'headway[dashboard]'") from None
+    try:
+        server.serve(
+            connect=_endpoints(connect, zenoh_config),
+            sites=site or DEFAULT_SITES,
+            host=host,
+            port=port,
+            token_file=token_file,
+            names=name or (),
+            zenoh_config=zenoh_config,
+        )
+    except DashboardError as error:
+        raise UserError(str(error)) from None
+
+
+def _endpoints(connect: list[str] | None, zenoh_config: Path | None) -> list[str]:
+    """Return what was asked for; else leave it to the file; else the service on this machine."""
+    return connect or ([] if zenoh_config else ["tcp/127.0.0.1:7447"])
+
+
+@evaluate_app.command()
+def paper(
+    leader: Annotated[Path, typer.Option(help="CSV of the leader's drive: t_s, x_m, v_mps at 10 Hz.")],
+    runs: Annotated[int, typer.Option(min=1, max=1000, help="Seeds to average over.")] = 20,
+    recovery: Annotated[str, typer.Option(help="ground-truth as published, or prediction as a service can.")] = (
+        "ground-truth"
+    ),
+    delay_jitter: Annotated[float, typer.Option(min=0, help="Standard deviation of the stochastic delay, s.")] = 0.0,
+    seed: Annotated[int, typer.Option(min=0, help="First seed.")] = 1,
+    out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report with figures.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run the published experiment, its two tables beside the printed values."""
+    from headway_loadtest.evaluate.paper import Protocol
+    from headway_loadtest.evaluate.paper_command import evaluate_paper
+    from headway_loadtest.evaluate.paper_loop import Recovery
+
+    if recovery not in list(Recovery):
+        raise UserError(f"--recovery {recovery}: choose from {', '.join(Recovery)}")
+    protocol = Protocol(runs=runs, recovery=Recovery(recovery), delay_jitter_s=delay_jitter, seed=seed)
+    raise typer.Exit(evaluate_paper(leader, protocol, as_json=as_json, out=out))
 
 
 @config_app.command()

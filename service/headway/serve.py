@@ -89,6 +89,7 @@ def serve(loaded: Loaded) -> None:
             engine=engine,
             vehicle_capacity=settings.vehicle_capacity,
             queue_limit=settings.queue_limit,
+            alarm_budget_per_hour=settings.alarm_budget_per_hour,
         )
     )
     with _http(settings, metrics, vitals) as http:

@@ -100,3 +100,17 @@ def test_a_leader_who_is_another_car_begins_with_new_offsets() -> None:
     assert verdicts["response"]["warming"][2]
     assert not verdicts["ranging"]["warming"][3]
     assert links["response"]["heard_s"][2] > P.response.warming_s
+
+
+def test_a_leader_unheard_for_a_moment_is_the_same_pair() -> None:
+    readings = platoon(with_range=True)
+    for name in ("leader_t_s", "leader_x_m", "leader_v_mps"):
+        readings[name][600:605, 2] = np.nan
+    rows, links = np.arange(CARS), np.zeros(CARS, LINK)
+    verdicts = np.zeros(CARS, LINK_VERDICT)
+    for k in range(620):
+        leaders = np.array([-1, 0, -1 if 600 <= k < 605 else 1, 2])
+        step_links(links, rows, leaders, readings[k], P, verdicts)
+        assert (verdicts["kind"] == Kind.NONE).all()
+    assert not verdicts["ranging"]["warming"][2]
+    assert not verdicts["response"]["warming"][2]

@@ -88,6 +88,15 @@ def test_a_sensor_that_looks_elsewhere_for_long_is_learnt_anew() -> None:
     assert not checks["anomalous"][1050:].any()
 
 
+def test_short_disputes_do_not_add_up_to_a_long_one() -> None:
+    readings = ranged(140.0, 8)
+    for start in (300, 800):
+        readings["range_m"][start : start + 400] -= 15.0
+    _, checks = run(readings)
+    assert checks["anomalous"][850:1200].all()
+    assert not checks["warming"][200:].any()
+
+
 def test_a_new_leader_has_other_offsets() -> None:
     readings = ranged(60.0, 7)
     row, _ = run(readings[:300])

@@ -38,6 +38,13 @@ def test_a_pair_alone_is_decided_by_whose_motion_was_unusual() -> None:
     assert named(cars, 1, lean=-2.0) == 0
 
 
+def test_a_witness_who_is_not_there_says_nothing() -> None:
+    """One witness, behind the follower: mu z - mu^2 / 2."""
+    cars = platoon()[:3]
+    speak(cars, {1: 6.0, 2: 4.0})
+    assert follower_log_odds(cars[1], cars[0], 0.0, T_S) == pytest.approx(6.0 * 4.0 - 18.0)
+
+
 def test_a_loud_witness_outweighs_what_the_pair_alone_suggests() -> None:
     cars = platoon()
     speak(cars, {1: 6.0, 2: 6.0, 3: 0.0})

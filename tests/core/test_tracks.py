@@ -106,10 +106,11 @@ def test_a_standing_car_keeps_its_heading() -> None:
     assert (world.tracks["heading_east"][0], world.tracks["heading_north"][0]) == (0.0, 1.0)
 
 
-def test_a_heading_first_declared_in_motion_replaces_that_of_a_parked_car() -> None:
+@pytest.mark.parametrize("parked_deg", [40.0, 140.0])
+def test_a_heading_first_declared_in_motion_replaces_that_of_a_parked_car(parked_deg: float) -> None:
     world = World()
     for k in range(10):
-        hear(world, k * STEP_S, speed=0.0, heading=140.0)
+        hear(world, k * STEP_S, speed=0.0, heading=parked_deg)
     for k in range(30):
         _, x_m, _, _ = hear(world, 1.0 + k * STEP_S, k * 1.0, heading=0.0)
     assert x_m == pytest.approx(29.0, abs=1e-3)

@@ -1,12 +1,12 @@
 """A detector that says what it is told to."""
 
-
 import numpy as np
 
 from headway.core.batch import Batch
 from headway.core.outcome import Outcome
 from headway.core.records import READING, Kind, Sensor
 from headway.core.turn import AnomalyEvent, Evidence, PairStates, Phase, Turn
+
 
 class StubEngine:
     """Scores every record, unless `outcomes` or `events` hold something else for the next step."""
@@ -63,6 +63,8 @@ def event(**changes) -> AnomalyEvent:
         "p_value": 1e-9,
         "nu": (8.0, 0.1),
         "recovered": (100.0, 20.0, 0.1, np.nan),
-        "evidence": Evidence(checkpoint=np.zeros((), READING), readings=np.zeros(3, READING)),
+        "evidence": Evidence(
+            checkpoint=np.zeros((), READING), readings=np.zeros(3, READING), leaders=np.zeros(3, np.int64)
+        ),
     }
     return AnomalyEvent(**(fields | changes))

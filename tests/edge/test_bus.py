@@ -1,7 +1,5 @@
 """The bus over real zenoh on loopback: what senders put arrives stamped, what is told reaches who listens."""
 
-import json
-import socket
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -9,6 +7,7 @@ from dataclasses import replace
 import pytest
 import zenoh
 from messages import KEYS
+from sim.loopback import free_endpoint, session
 from sim.until import until
 
 from headway.edge.arrival import Arrival
@@ -19,25 +18,6 @@ from headway.edge.ports import Channel
 from headway_schemas.encodings import BSM_MSGPACK, EVENT_JSON, PAIR_STATE_JSON
 
 BLOCK = zenoh.CongestionControl.BLOCK
-
-
-def free_endpoint() -> str:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
-
-
-def session(mode: str, *, connect: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> zenoh.Session:
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", mode),
-        ("connect/endpoints", connect),
-        ("listen/endpoints", listen),
-        ("scouting/multicast/enabled", False),
-        ("scouting/gossip/enabled", False),
-    ):
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
 
 
 def config(**changes) -> BusConfig:
@@ -155,14 +135,28 @@ def test_a_question_is_kept_until_the_loop_answers_it(bus: ZenohBus, other: zeno
     assert (reply.ok.payload.to_bytes(), str(reply.ok.encoding)) == (b"[]", PAIR_STATE_JSON)
 
 
-def test_a_slow_subscriber_does_not_hold_up_who_publishes(bus: ZenohBus, other: zenoh.Session) -> None:
-    go = threading.Event()
-    other.declare_subscriber(KEYS.every_alert, lambda _: go.wait(20.0))
+def test_a_stalled_subscriber_holds_up_neither_who_publishes_nor_the_end_and_is_cut_off() -> None:
+    settings = config(block_timeout_s=0.5, alert_limit=10_000)
+    bus = bus_of(settings)
+    assert bus.open(go_on)
+    stalled = session("client", connect=settings.listen)
+    until(lambda: bus.transports == 1)
+    go, called = threading.Event(), threading.Event()
+
+    def stall(_sample: zenoh.Sample) -> None:
+        called.set()
+        go.wait(60.0)
+
+    stalled.declare_subscriber(KEYS.every_alert, stall)
     payload = bytes(100_000)
-    for _ in range(1_000):
+    until(lambda: bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload) or called.is_set())
+    for _ in range(2_000):
         bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload)
-    assert bus.dropped["alert_queue_full"] > 0
+    until(lambda: bus.transports == 0)
+    bus.close()
+    assert bus.dropped["alert_queue_full"] == 0
     go.set()
+    stalled.close()
 
 
 def test_the_instance_is_alive_until_it_signs_off(settings: BusConfig) -> None:

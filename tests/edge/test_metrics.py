@@ -26,6 +26,7 @@ def metrics_of(rig: Rig) -> Metrics:
             engine=rig.engine,
             vehicle_capacity=100,
             queue_limit=10,
+            alarm_budget_per_hour=0.5,
         )
     )
 
@@ -78,6 +79,7 @@ def test_the_values_are_those_of_the_books() -> None:
         ("headway_ready",): 1,
         ("headway_nis_readings_total", "inside"): 2,
         ("headway_turns_total",): 1,
+        ("headway_alarm_budget_per_hour",): 0.5,
         ("headway_build_info", "c0ffee", "i", "aekf", "s", "1"): 1,
     }
     assert {name: values[name] for name in expected} == expected

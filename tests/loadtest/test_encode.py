@@ -63,7 +63,7 @@ def test_what_is_due_together_is_one_batch():
 def test_bundles_hold_so_many_at_most_and_come_by_a_gateway(bundle, sizes):
     (batch,) = batches(frame(7, 7, 7, entering=VEHICLES), bundle=bundle)
     unpacked = [msgpack.unpackb(payload) for payload in batch.payloads]
-    assert [len(records) for records in unpacked] == sizes
+    assert [len(records) for records in unpacked] == batch.records == sizes
     assert [from_record(record).id for records in unpacked for record in records] == ["a", "b", "c"]
     assert {str(key) for key in batch.keys} == {KEYS.bsm(GATEWAY)}
     assert is_gateway(GATEWAY)
@@ -71,7 +71,11 @@ def test_bundles_hold_so_many_at_most_and_come_by_a_gateway(bundle, sizes):
 
 
 def test_a_row_changes_hands():
-    first, second = batches(frame(7, entering=VEHICLES), frame(9, entering=[Vehicle(0, "a-1", 3.5)]))
+    encoder = Encoder(KEYS)
+    frames = [frame(7, entering=VEHICLES), frame(9, entering=[Vehicle(0, "a-1", 3.5)])]
+    first, second = encoder.batches(frames, SCHEDULE)
+    assert encoder.ids == ["a-1", "b", "c"]
+    assert encoder.ids_ever == {"a", "a-1", "b", "c"}
     assert str(first.keys[0]) == KEYS.bsm("a")
     renamed = from_record(msgpack.unpackb(second.payloads[0]))
     assert (str(second.keys[0]), renamed.id, renamed.length_m) == (KEYS.bsm("a-1"), "a-1", 3.5)

@@ -14,6 +14,11 @@ def test_ten_messages_a_second_from_each_in_order():
     assert np.all(np.diff(columns(frames, "t_us")) >= 0)
 
 
+def test_other_rates():
+    frames = list(FleetFrames(50, 3.0, seed=1, step_ms=50))
+    assert np.array_equal(np.bincount(columns(frames, "row")), np.full(50, 60))
+
+
 def test_large_fleets_take_turns_and_stay_in_order():
     frames = list(FleetFrames(3 * COHORT, 0.3, seed=1))
     t_us = columns(frames, "t_us")

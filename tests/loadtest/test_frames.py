@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from headway_loadtest.frames import SceneFrames, span_s
+from headway_loadtest.frames import SCENES_AHEAD, SceneFrames, span_s
 from headway_loadtest.inject import Kind, Spec
 from headway_loadtest.sources.synthetic import SyntheticDrives
-from headway_loadtest.trajectory import Ahead, Drive
+from headway_loadtest.trajectory import Ahead, Drive, SourceError
 
 
 def drive(vehicle, seconds=3.0, ahead=None):
@@ -80,13 +80,18 @@ def test_scenes_are_read_only_when_there_is_room():
     read = []
 
     def scenes():
-        for i in range(100):
+        for i in range(1000):
             read.append(i)
             yield (drive(f"v{i}", 1.0),)
 
     frames = iter(SceneFrames(scenes(), concurrent=3))
     next(frames)
-    assert len(read) == 3
+    assert len(read) <= 3 + SCENES_AHEAD + 2
+
+
+def test_a_source_named_twice_is_one_line():
+    with pytest.raises(SourceError, match="a drives twice at once: is a source named twice"):
+        played([(drive("a"),), (drive("a"),)])
 
 
 def test_seconds_cut_the_replay_short():

@@ -86,9 +86,23 @@ def test_the_life_of_an_event_is_one_episode(world):
 
 
 def test_health_comes_with_its_time(world):
-    arrive(world, {"instance": "i", "unheard_of": 1}, alert=False, at_ns=9)
+    health = {"instance": "i", "scored": 3, "warming": 2, "rejected": {}, "lost": {}, "queue_depth": 0, "unheard_of": 1}
+    arrive(world, health, alert=False, at_ns=9)
     (report,) = world[2].drain().health
-    assert (report.received_ns, report.content["instance"]) == (9, "i")
+    assert (report.received_ns, report.instance, report.counters.outcomes) == (9, "i", 5)
+
+
+@pytest.mark.parametrize("content", [b"[]", b"{}", b"3", b'{"instance": "i"}', b"\xff"])
+def test_health_that_is_none_is_counted(world, content):
+    arrive(world, content, alert=False)
+    heard = world[2].drain()
+    assert (heard.unread, heard.health) == (1, [])
+
+
+def test_an_event_that_began_before_us_is_not_ours(world):
+    arrive(world, event("update", 3000))
+    heard = world[2].drain()
+    assert (heard.alerts, heard.episodes) == (1, {})
 
 
 @pytest.mark.parametrize("content", [b"\xff", b"{}", json.dumps({"event_id": "e"}).encode()])

@@ -43,7 +43,7 @@ class FakeBus:
 
 
 def batch(due_ms, records=1):
-    return Batch(due_ms * MS, [KEY] * records, [b"x"] * records, np.arange(records), due_ms * 1000)
+    return Batch(due_ms * MS, [KEY] * records, [b"x"] * records, [1] * records, np.arange(records), due_ms * 1000)
 
 
 def sent(batches, clock=None, warm_ms=0, **options):
@@ -55,7 +55,7 @@ def sent(batches, clock=None, warm_ms=0, **options):
 def test_each_batch_leaves_when_it_is_due():
     result, bus = sent([batch(5), batch(8), batch(20)])
     assert bus.at_ns == [5 * MS, 8 * MS, 20 * MS]
-    assert (result.records, result.payloads) == (3, 3)
+    assert result.records == 3
 
 
 def test_a_stall_cannot_hide_latency():
@@ -87,9 +87,29 @@ def test_what_cannot_be_put_is_counted_and_the_rest_goes_on():
     assert len(bus.at_ns) == 4
 
 
+def test_a_bundle_that_cannot_be_put_is_lost_by_its_records():
+    bundles = Batch(0, [KEY, KEY], [b"x", b"y"], [25, 7], np.arange(32), 0)
+    result, _ = sent([bundles], failing={0})
+    assert (result.records, result.lost) == (32, {"put_failed": 25})
+
+
+def test_nothing_is_put_while_the_other_end_is_away():
+    clock = FakeClock()
+    bus = FakeBus(clock)
+    batches = [batch(ms, 2) for ms in range(10)]
+    result = send(batches, bus, clock=clock, warm_ns=0, is_up=lambda: not 3 * MS <= clock.now_ns < 6 * MS)
+    assert (result.records, result.lost) == (20, {"disconnected": 6})
+    assert len(bus.at_ns) == 14
+
+
 def test_lateness_is_by_record():
     result, _ = sent([batch(1, 10), batch(2, 30)])
     assert of_histogram(result.late_us).count == 40
+
+
+def test_hours_driven_are_from_first_to_last_message():
+    result, _ = sent([batch(ms, 2) for ms in (1, 1801, 3601)])
+    assert result.vehicle_hours == pytest.approx(2 * 3.6 / 3600)
 
 
 def test_the_last_message_of_each_sender_is_known():

@@ -4,10 +4,11 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
+from headway_loadtest.inject import BY_LABEL
 from headway_loadtest.latency import Percentiles
 from headway_loadtest.ledger import Ledger
 from headway_loadtest.quality import KindScore, Quality
-from headway_loadtest.report import Targets, misses, show, to_json
+from headway_loadtest.report import MEANINGS, Targets, misses, show, to_json
 from headway_loadtest.run import INTENDED, Outcome, Service
 
 QUICK = Percentiles(1.0, 4.0, 6.0, 9.0, 1000)
@@ -102,3 +103,7 @@ def test_the_report_says_what_went_wrong():
     slow = replace(OUTCOME, late=Percentiles(1.0, 50.0, 60.0, 90.0, 1000), stalled_s=1.5)
     assert "generator itself was late: 99 % within 50.0 ms" in printed(slow)
     assert "held up for 1.5 s" in printed(slow)
+
+
+def test_every_kind_has_a_meaning():
+    assert set(MEANINGS) == set(BY_LABEL)

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from headway_loadtest.sources.synthetic import PLATOON, STEP_S, Fleet, SyntheticDrives, drives
+from headway_loadtest.sources.synthetic import PLATOON, STEP_MS, Fleet, SyntheticDrives, drives
 
 METRES_PER_DEGREE = 111_000.0
+STEP_S = STEP_MS / 1000
 
 
 def steps(count, *args, **kwargs):
@@ -60,6 +61,16 @@ def test_each_reads_at_its_own_time_within_the_window():
     assert t_ms.max() == 39
     assert np.all(np.ptp(t_ms, axis=0) <= 4)
     assert len(np.unique(t_ms[0])) == 20
+
+
+@pytest.mark.parametrize("step_ms", [20, 50, 200])
+def test_other_rates_drive_and_read_alike(step_ms):
+    columns = steps(60_000 // step_ms, 200, 3, step_ms=step_ms, window_ms=(0, 0))
+    speeds = np.array([readings.speed_mps for readings in columns])
+    assert 5.0 < speeds.mean() < 15.0
+    assert columns[1].t_ms[0] - columns[0].t_ms[0] == step_ms
+    accel_mps2 = np.diff(speeds, axis=0) / (step_ms / 1000)
+    assert np.quantile(np.abs(accel_mps2), 0.5) < 3.0
 
 
 def test_an_empty_window_is_everyone_at_once():

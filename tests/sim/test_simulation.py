@@ -20,7 +20,7 @@ def test_every_delivered_record_has_exactly_one_outcome(seed: int) -> None:
     ledger, bus = simulated.rig.ledger, simulated.rig.bus
     assert ledger.records == simulated.records > 900
     assert bus.received == ledger.messages
-    assert ledger.scored > 300
+    assert ledger.scored > 200
     assert {Outcome.WARMING, Outcome.DUPLICATE, Outcome.OUT_OF_ORDER} <= {o for o in Outcome if ledger[o]}
 
 
@@ -37,15 +37,16 @@ def test_the_same_seed_gives_the_same_run_to_the_last_bit() -> None:
     assert world(7).digest() != world(8).digest()
 
 
-def test_on_a_perfect_network_every_record_is_scored_or_warming_and_nothing_is_said() -> None:
+def test_on_a_perfect_network_every_record_is_judged_and_nobody_is_accused() -> None:
     simulated = SimWorld(3, loss=0.0, delay_s=(0.001, 0.002), doubled=0.0, garbled=0.0)
     simulated.drive(vehicles=4, seconds=12.0)
     ledger = simulated.rig.ledger
-    assert ledger.scored + ledger.warming + ledger[Outcome.DUPLICATE] + ledger[Outcome.OUT_OF_ORDER] == ledger.records
+    assert ledger.scored + ledger.warming == ledger.records == simulated.records
+    assert {alert["suspect"] for alert in simulated.said(Channel.ALERT) if alert["kind"] != "miss"} == set()
 
 
 def test_what_a_full_queue_sheds_is_accounted_for_by_its_records() -> None:
-    simulated = world(5, queue_limit=4, garbled=0.2)
+    simulated = world(5, queue_limit=1, garbled=0.2)
     ledger, bus = simulated.rig.ledger, simulated.rig.bus
     assert bus.shed > 50
     assert ledger.lost == {"shed": bus.shed_records}
@@ -54,7 +55,7 @@ def test_what_a_full_queue_sheds_is_accounted_for_by_its_records() -> None:
 
 
 def test_more_vehicles_than_rows_are_refused_by_name() -> None:
-    simulated = world(6, detector=DetectorConfig(model="aekf", vehicle_capacity=4))
+    simulated = world(6, detector=DetectorConfig(vehicle_capacity=4))
     assert simulated.rig.ledger[Outcome.TABLE_FULL] > 100
     assert simulated.rig.ledger.records == simulated.records
 

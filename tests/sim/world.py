@@ -35,7 +35,7 @@ class SimWorld:
         seed: int,
         *,
         loss: float = 0.05,
-        delay_s: tuple[float, float] = (0.001, 0.9),
+        delay_s: tuple[float, float] = (0.001, 0.3),
         doubled: float = 0.03,
         garbled: float = 0.05,
         queue_limit: int = 100_000,
@@ -43,7 +43,7 @@ class SimWorld:
     ) -> None:
         self._rng = np.random.default_rng(seed)
         self._loss, self._delay_s, self._doubled, self._garbled = loss, delay_s, doubled, garbled
-        config = detector or DetectorConfig(model="aekf", vehicle_capacity=64)
+        config = detector or DetectorConfig(vehicle_capacity=32)
         self.rig = Rig(Engine(config), queue_limit=queue_limit, state_rate_hz=1.0)
         self.records = 0
         """Records delivered to the bus."""
@@ -110,7 +110,7 @@ class SimWorld:
         return [1, f"car{vehicle}", k % 128, t_us, lat, -83.0 + 0.01 * lane, speed_mps, 0.0, None, None, None, 4.5]
 
     def _wrapped(self, record: list[Any]) -> tuple[Arrival, int]:
-        """Choose a form: compact, a map, JSON, or a bundle of a gateway with a stranger's record in it."""
+        """Choose a form: compact, a map, JSON, or a bundle of a gateway with the record of a neighbour in it."""
         as_map = {name: value for name, value in zip(FIELDS, record, strict=False) if value is not None}
         match self._rng.integers(4):
             case 0:
@@ -120,8 +120,8 @@ class SimWorld:
             case 2:
                 return _arrival(record[1], json.dumps(as_map).encode(), BSM_JSON), 1
             case _:
-                stranger = [*record[:1], "stranger", *record[2:]]
-                return _arrival(GATEWAY, msgpack.packb([record, stranger])), 2
+                neighbour = [1, f"{record[1]}-neighbour", *record[2:5], record[5] + 0.005, *record[6:]]
+                return _arrival(GATEWAY, msgpack.packb([record, neighbour])), 2
 
     def _garble(self, name: str, record: list[Any]) -> tuple[Arrival, int, Outcome]:
         whole = msgpack.packb(record)

@@ -56,7 +56,7 @@ def read_leader(path: Path) -> Leader:
             f"{path}: {len(values)} samples are too short a drive; at least {SAMPLES_MIN} "
             f"({SAMPLES_MIN * INTERVAL_S:g} s at 10 Hz) are needed"
         )
-    t_s, x_m, v_mps = np.array(values).T
+    t_s, x_m, v_mps = np.ascontiguousarray(np.array(values).T)
     odd = np.flatnonzero(np.abs(np.diff(t_s) - INTERVAL_S) > INTERVAL_TOLERANCE_S)
     if odd.size:
         row = int(odd[0]) + 3

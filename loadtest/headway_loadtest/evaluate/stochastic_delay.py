@@ -47,7 +47,7 @@ class EpsMoments:
 
 
 def eps_moments(leader: Leader, jitter_s: float, rng: np.random.Generator, draws: int = DRAWS) -> EpsMoments:
-    """Draw eps `draws` times at each sample of a drive (for any tau: only t - tau matters).
+    """Draw eps `draws` times at each sample of a drive (for any tau: only t - tau matters), kappa in antithetic pairs.
 
     Between samples the leader's speed is on the straight line, his location its integral; his acceleration is the
     central difference over two samples.
@@ -56,7 +56,8 @@ def eps_moments(leader: Leader, jitter_s: float, rng: np.random.Generator, draws
     x = np.r_[0.0, np.cumsum(INTERVAL_S * 0.5 * (v[1:] + v[:-1]))]
     margin = int(np.ceil(REACH * jitter_s / INTERVAL_S)) + 1
     inner = slice(margin, len(t_s) - margin)
-    kappa = np.clip(rng.normal(0.0, jitter_s, (len(t_s[inner]), draws)), -REACH * jitter_s, REACH * jitter_s)
+    half = np.clip(rng.normal(0.0, jitter_s, (len(t_s[inner]), draws // 2)), -REACH * jitter_s, REACH * jitter_s)
+    kappa = np.concatenate([half, -half], axis=1)
     heard_s = t_s[inner, None] - kappa
     before = np.clip((heard_s / INTERVAL_S).astype(int), 0, len(t_s) - 2)
     past_s = heard_s - t_s[before]

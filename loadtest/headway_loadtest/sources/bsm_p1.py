@@ -12,8 +12,8 @@ import numpy as np
 import polars as pl
 
 from headway_loadtest.sources.steady import steady
-from headway_loadtest.sources.tables import runs, scan, stream
-from headway_loadtest.trajectory import Drive, Scene, SourceError
+from headway_loadtest.sources.tables import first_line, runs, stream
+from headway_loadtest.trajectory import Drive, Scene
 from headway_schemas.keys import sanitise_id
 
 HEADER = (
@@ -41,9 +41,8 @@ class BsmP1:
     path: Path
 
     def __iter__(self) -> Iterator[Scene]:
-        header = None if _has_header(self.path) else HEADER
-        rows = scan(self.path, WANTED, header).drop_nulls()
-        for log in runs(stream(self.path, rows.filter(*AVAILABLE)), LOG):
+        header = None if first_line(self.path).startswith(HEADER[0]) else HEADER
+        for log in runs(stream(self.path, WANTED, *AVAILABLE, header=header), LOG):
             start = log["GenTime"].min()
             yield tuple(
                 _drive(heard.with_columns(pl.col("GenTime") - start).unique("GenTime", keep="first").sort("GenTime"))
@@ -67,11 +66,3 @@ def _drive(heard: pl.DataFrame) -> Drive:
         lon=lon,
         heading_deg=heading_deg,
     )
-
-
-def _has_header(path: Path) -> bool:
-    try:
-        with path.open(encoding="utf-8-sig", errors="replace") as file:
-            return file.readline().startswith(HEADER[0])
-    except OSError as error:
-        raise SourceError(f"{path}: {error.strerror}") from None

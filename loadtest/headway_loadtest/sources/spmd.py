@@ -19,7 +19,7 @@ import polars as pl
 
 from headway_loadtest.road import Road
 from headway_loadtest.sources.steady import steady
-from headway_loadtest.sources.tables import batches, runs, scan, stream
+from headway_loadtest.sources.tables import batches, runs, stream
 from headway_loadtest.trajectory import F64, I64, Ahead, Drive, Scene
 from headway_schemas.keys import sanitise_id
 
@@ -57,8 +57,8 @@ class SpmdTrips:
     targets_path: Path | None
 
     def __iter__(self) -> Iterator[Scene]:
-        rows = scan(self.host_path, HOST).filter(pl.col("GpsValidWsu") != 0, pl.col("ValidCanWsu") != 0)
-        trips = runs(stream(self.host_path, rows.drop_nulls()), TRIP)
+        rows = stream(self.host_path, HOST, pl.col("GpsValidWsu") != 0, pl.col("ValidCanWsu") != 0)
+        trips = runs(rows, TRIP)
         for some in batches(trips, ROWS_AT_ONCE):
             targets = self._targets(some)
             for trip in some:
@@ -69,12 +69,11 @@ class SpmdTrips:
         if self.targets_path is None:
             return {}
         wanted = pl.concat([trip.select(TRIP).head(1) for trip in trips])
-        rows = (
-            scan(self.targets_path, TARGET)
-            .filter(pl.col("CIPV") == 1, pl.col("TargetType").is_in([CAR, TRUCK, MOTORCYCLE]))
-            .join(wanted.lazy(), on=TRIP, how="semi")
-        )
-        found = list(stream(self.targets_path, rows.drop_nulls()))
+        leads = pl.col("TargetType").is_in([CAR, TRUCK, MOTORCYCLE])
+        found = [
+            rows.join(wanted, on=TRIP, how="semi")
+            for rows in stream(self.targets_path, TARGET, pl.col("CIPV") == 1, leads)
+        ]
         return dict(pl.concat(found).partition_by(TRIP, as_dict=True)) if found else {}
 
 

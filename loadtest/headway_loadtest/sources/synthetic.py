@@ -21,7 +21,6 @@ from headway_loadtest.road import radii_m
 from headway_loadtest.trajectory import F64, I64, Drive, Scene
 
 STEP_MS = 100
-STEP_S = STEP_MS / 1000
 PLATOON = 10
 JITTER_MS = 2
 
@@ -30,7 +29,7 @@ RINGS_APART_M = 1_100.0
 RINGS_IN_A_ROW = 50
 ORIGIN_LAT, ORIGIN_LON = 42.1, -84.2
 
-DELAY_STEPS_MAX = 6
+DELAY_S = (0.2, 0.6)
 ACCEL_MIN_MPS2, ACCEL_MAX_MPS2 = -6.0, 2.5
 BRAKE_GAP_M = 1.0
 IMPERFECTION_MPS2, IMPERFECTION_S = 0.15, 5.0
@@ -50,16 +49,20 @@ class Readings(NamedTuple):
 
 
 class Fleet:
-    """n vehicles in platoons, advanced 0.1 s at a time; the same arguments give the same readings.
+    """n vehicles in platoons, advanced a step at a time; the same arguments give the same readings.
 
     Each vehicle reads its sensors at its own phase within the step, in the window [from, to) of milliseconds, with a
     jitter of 2 ms; an empty window makes them read all at once. `first` is the number of the fleet's first vehicle,
     which also places its roads: fleets with different vehicles never meet.
     """
 
-    def __init__(self, n: int, seed: int, *, first: int = 0, window_ms: tuple[int, int] = (0, STEP_MS)) -> None:
+    def __init__(
+        self, n: int, seed: int, *, first: int = 0, window_ms: tuple[int, int] = (0, STEP_MS), step_ms: int = STEP_MS
+    ) -> None:
         self._rng = rng = np.random.default_rng((seed, first))
         self._step = 0
+        self._step_ms = step_ms
+        self._step_s = step_ms / 1000
         self.length_m = rng.uniform(3.8, 5.2, n)
         self._place(n, first)
         self._draw_drivers(n)
@@ -89,7 +92,7 @@ class Fleet:
         self._s0_m = rng.uniform(1.5, 3.0, n)
         self._b_m = rng.uniform(10.0, 14.0, n)
         self._c = rng.uniform(1.0, 1.3, n)
-        self._delay = rng.integers(2, DELAY_STEPS_MAX, n)
+        self._delay = np.round(rng.uniform(*DELAY_S, n) / self._step_s).astype(np.int64)
         self._offset_mps = rng.uniform(-SPEED_OFFSET_MPS, SPEED_OFFSET_MPS, n)
 
     def _set_off(self, n: int) -> None:
@@ -105,15 +108,16 @@ class Fleet:
         self._imperfection_mps2 = np.zeros(n)
         self._along_m = np.zeros(n)
         self._across_m = np.zeros(n)
-        self._seen = np.empty((DELAY_STEPS_MAX, 3, n))
+        self._seen = np.empty((int(self._delay.max()) + 1, 3, n))
         self._seen[:] = self._sight()
 
     def step(self) -> Readings:
-        """Read all sensors, then drive on for 0.1 s."""
-        accel_mps2 = np.maximum(self._drive(), -self._v_mps / STEP_S)
+        """Read all sensors, then drive on for a step."""
+        step_s = self._step_s
+        accel_mps2 = np.maximum(self._drive(), -self._v_mps / step_s)
         readings = self._read(accel_mps2)
-        self._x_m += (self._v_mps + accel_mps2 * STEP_S / 2) * STEP_S
-        self._v_mps += accel_mps2 * STEP_S
+        self._x_m += (self._v_mps + accel_mps2 * step_s / 2) * step_s
+        self._v_mps += accel_mps2 * step_s
         self._step += 1
         return readings
 
@@ -124,16 +128,16 @@ class Fleet:
 
     def _drive(self) -> F64:
         rng, n = self._rng, len(self._v_mps)
-        now = self._step % DELAY_STEPS_MAX
+        now = self._step % len(self._seen)
         self._seen[now] = self._sight()
-        gap_m, v_mps, closing_mps = self._seen[(now - self._delay) % DELAY_STEPS_MAX, :, np.arange(n)].T
+        gap_m, v_mps, closing_mps = self._seen[(now - self._delay) % len(self._seen), :, np.arange(n)].T
         tanh_c = np.tanh(self._c)
         wished_mps = self._v_max_mps * (np.tanh((gap_m - self._s0_m) / self._b_m - self._c) + tanh_c) / (1 + tanh_c)
-        decay = STEP_S / IMPERFECTION_S
+        decay = self._step_s / IMPERFECTION_S
         kick_mps2 = IMPERFECTION_MPS2 * np.sqrt(2 * decay)
         self._imperfection_mps2 += kick_mps2 * rng.standard_normal(n) - decay * self._imperfection_mps2
         accel = self._kappa * (wished_mps - v_mps) + self._lambda * closing_mps + self._imperfection_mps2
-        changing = self._is_head & (rng.random(n) < STEP_S / 15.0)
+        changing = self._is_head & (rng.random(n) < self._step_s / 15.0)
         self._wish_mps[changing] = rng.choice([0.0, 6.0, 9.0, 12.0, 15.0, 17.0], int(changing.sum()))
         accel = np.where(self._is_head, np.clip(0.5 * (self._wish_mps - self._v_mps), -2.0, 1.5), accel)
         touching = ~self._is_head & (self._seen[now, 0] < BRAKE_GAP_M)
@@ -148,14 +152,14 @@ class Fleet:
         after_s = within_ms / 1000
         x_m = self._x_m + (self._v_mps + accel_mps2 * after_s / 2) * after_s
         v_mps = self._v_mps + accel_mps2 * after_s
-        decay = STEP_S / POSITION_MEMORY_S
+        decay = self._step_s / POSITION_MEMORY_S
         self._along_m += POSITION_STEP_M * rng.standard_normal(n) - decay * self._along_m
         self._across_m += POSITION_STEP_M * rng.standard_normal(n) - decay * self._across_m
         angle = (x_m + self._along_m) / RING_RADIUS_M
         radius_m = RING_RADIUS_M + self._across_m
         moving = np.minimum(v_mps, 1.0)
         return Readings(
-            t_ms=self._step * STEP_MS + within_ms,
+            t_ms=self._step * self._step_ms + within_ms,
             x_m=x_m + self._along_m,
             speed_mps=np.maximum(v_mps + moving * self._offset_mps + SPEED_NOISE_MPS * rng.standard_normal(n), 0.0),
             lat=self._centre_lat + radius_m * np.sin(angle) * self._lat_per_m,
@@ -180,7 +184,7 @@ class SyntheticDrives:
 def drives(n: int, seconds: float, seed: int, *, first: int = 0, window_ms: tuple[int, int] = (0, STEP_MS)) -> Scene:
     """Whole drives of a fleet of n vehicles."""
     fleet = Fleet(n, seed, first=first, window_ms=window_ms)
-    steps = [fleet.step() for _ in range(max(1, round(seconds / STEP_S)))]
+    steps = [fleet.step() for _ in range(max(1, round(1000 * seconds / STEP_MS)))]
     t_ms, *columns = (np.stack(column, axis=1) for column in zip(*steps, strict=True))
     return tuple(
         Drive(

@@ -1,4 +1,8 @@
-"""Large CSV tables as streams: lazy scans, one run of rows at a time, never a whole file."""
+"""Large CSV tables as streams: a block of lines at a time, never a whole file.
+
+The streaming iterator of polars 2.1 reads ahead without limit while its consumer works, so the blocks are cut
+here; no line of these tables holds a quoted line break.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -10,42 +14,56 @@ from headway_loadtest.trajectory import SourceError
 NULLS = ["", "NULL", "null"]
 SPELLINGS = {"Rangerate": "RangeRate"}
 RUN = "run"
+BLOCK_BYTES = 1 << 24
 
 Schema = Mapping[str, type[pl.DataType]]
 
 
-def scan(path: Path, wanted: Schema, header: Sequence[str] | None = None) -> pl.LazyFrame:
-    """Scan the wanted columns of a table, lazily; `header` names the columns of a file that has none.
+def stream(path: Path, wanted: Schema, *keep: pl.Expr, header: Sequence[str] | None = None) -> Iterator[pl.DataFrame]:
+    """Yield the wanted columns of a table, the rows that are complete and that every expression keeps.
+
+    `header` names the columns of a file that has none; a column has one spelling here, whatever the file's.
 
     Raises
     ------
     SourceError
-        The file cannot be opened, or lacks a column.
+        The file cannot be read, lacks a column, or holds a word where a number belongs.
     """
-    try:
-        frame = pl.scan_csv(
-            path,
-            infer_schema=False,
-            null_values=NULLS,
-            has_header=header is None,
-            new_columns=None if header is None else list(header),
-        )
-        names = [SPELLINGS.get(name, name) for name in frame.collect_schema().names()]
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise SourceError(f"{path}: {_first_line(error)}") from None
+    names, blocks = _open(path, header)
     absent = [name for name in wanted if name not in names]
     if absent:
         raise SourceError(f"{path}: row 1: no column {', '.join(absent)}")
-    number = {name: pl.col(name).str.strip_chars().cast(pl.Float64) for name in wanted}
-    return frame.rename(SPELLINGS, strict=False).select(number[name].cast(kind) for name, kind in wanted.items())
+    schema = {name: pl.Float64 if name in wanted else pl.String for name in names}
+    numbers = [pl.col(name).cast(kind) for name, kind in wanted.items()]
+    for block in blocks:
+        lines = pl.scan_csv(block, has_header=False, schema=schema, null_values=NULLS)
+        try:
+            yield lines.select(numbers).drop_nulls().filter(*keep).collect()
+        except pl.exceptions.PolarsError as error:
+            raise SourceError(f"{path}: {_first_line(error)}") from None
 
 
-def stream(path: Path, rows: pl.LazyFrame) -> Iterator[pl.DataFrame]:
-    """Yield the rows of a scan, a chunk at a time. Raises SourceError for a value that cannot be read."""
+def first_line(path: Path) -> str:
+    """Return the first line of a file, without byte order mark and line end. Raises SourceError."""
     try:
-        yield from rows.collect_batches(maintain_order=True, engine="streaming")
-    except (OSError, pl.exceptions.PolarsError) as error:
-        raise SourceError(f"{path}: {_first_line(error)}") from None
+        with path.open(encoding="utf-8-sig", errors="replace") as file:
+            return file.readline().rstrip("\r\n")
+    except OSError as error:
+        raise SourceError(f"{path}: {error.strerror}") from None
+
+
+def _open(path: Path, header: Sequence[str] | None) -> tuple[list[str], Iterator[bytes]]:
+    names = first_line(path).split(",") if header is None else header
+    return [SPELLINGS.get(name, name) for name in names], _blocks(path, skip_line=header is None)
+
+
+def _blocks(path: Path, *, skip_line: bool) -> Iterator[bytes]:
+    """Whole lines, about `BLOCK_BYTES` at a time."""
+    with path.open("rb") as file:
+        if skip_line:
+            file.readline()
+        while block := file.read(BLOCK_BYTES):
+            yield block + file.readline()
 
 
 def runs(chunks: Iterable[pl.DataFrame], by: Sequence[str]) -> Iterator[pl.DataFrame]:

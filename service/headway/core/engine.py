@@ -4,27 +4,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import expit
 
 from headway.core import bank as banks
-from headway.core import models, neighbours, pairing, silence, tracks
+from headway.core import neighbours, pairing, silence, tracks
 from headway.core.batch import I64, Batch
 from headway.core.config import DetectorConfig
 from headway.core.events import EventLog
 from headway.core.evidence import EvidenceStore
 from headway.core.gather import gather
 from headway.core.geometry import metres_per_degree
-from headway.core.link import LINK, LINK_VERDICT, link_params, step_links
+from headway.core.judges import judges
+from headway.core.link import LINK_VERDICT, link_said, standing, step_links
 from headway.core.outcome import Outcome
 from headway.core.records import Kind, Records, Sensor
+from headway.core.snapshot import Snapshot
 from headway.core.turn import AnomalyEvent, PairStates, Turn
 from headway.core.vehicles import VehicleTable
 
 HOUSEKEEPING_US = 100_000
 """How often silence and forgetting are looked at."""
-
-LINK_SHARE = 0.5
-"""Of the alarm budget, what the tests between two cars may spend; the rest is the filter's."""
 
 RENAMED_WITHIN_M, RENAMED_SHARE = 5.0, 0.2
 """A new vehicle this near to where a silent one would be (plus a share of the way it may have gone) is that vehicle."""
@@ -50,14 +48,13 @@ class Engine:
     def __init__(self, config: DetectorConfig) -> None:
         capacity = config.vehicle_capacity
         self._config = config
-        budget = (1.0 - LINK_SHARE) * config.alarm_budget_per_hour
-        self._model = models.build(replace(config, alarm_budget_per_hour=budget))
+        judging = judges(config)
+        self._model, self._link_params = judging.model, judging.link_params
         self._vehicles = VehicleTable(capacity)
         self._tracks = tracks.new_tracks(capacity)
         self._pairing = pairing.new_pairing(capacity)
         self._grid = neighbours.new_grid(capacity)
-        self._bank = np.zeros(capacity, [("model", self._model.dtype), ("link", LINK)])
-        self._link_params = link_params(LINK_SHARE * config.alarm_budget_per_hour)
+        self._bank = np.zeros(capacity, judging.dtype)
         self._verdicts = banks.verdicts(capacity)
         self._judged_t_s = np.zeros(capacity)
         self._evidence = EvidenceStore(self._bank, config.evidence_readings)
@@ -66,6 +63,7 @@ class Engine:
         self._misses = silence.MissLog(self._vehicles, capacity)
         self._ear = silence.Ear()
         self._first_heard_us = np.zeros(capacity, np.int64)
+        self._restored_us = 0
         self._kept_house_us = 0
 
     @property
@@ -153,6 +151,7 @@ class Engine:
         )
         outcomes[wave] = outcome
         self._bank[rows[began]] = 0
+        self._evidence.forget(rows[began])
         tally.missed_messages += int(missed.sum())
         ok = outcome == Outcome.SCORED
         wave, rows, silent_us, heard_us = wave[ok], rows[ok], (batch.t_us[wave] - before_us)[ok], heard_us[ok]
@@ -173,7 +172,7 @@ class Engine:
             leaders,
         )
         verdicts = banks.verdicts(rows.size)
-        self._evidence.remember(self._bank, rows, readings)
+        self._evidence.remember(self._bank, rows, readings, leaders)
         self._model.step_batch(self._bank["model"], rows, readings, self._model.params, verdicts)
         self._verdicts[rows] = verdicts
         self._judged_t_s[rows] = readings["t_s"]
@@ -206,22 +205,12 @@ class Engine:
         self, rows: I64, leaders: I64, readings: Records, verdicts: Records, t_us: I64, received_us: I64, tally: _Tally
     ) -> None:
         """Test what the filter left standing of each reading against the car ahead; events name the suspect."""
-        standing = readings.copy()
-        false_x, false_v = verdicts["sensor"] & int(Sensor.LOCATION) != 0, verdicts["sensor"] & int(Sensor.SPEED) != 0
-        standing["x_m"][false_x] = verdicts["x_m"][false_x]
-        standing["v_mps"][false_v] = verdicts["v_mps"][false_v]
         links = np.zeros(rows.size, LINK_VERDICT)
-        step_links(self._bank["link"], rows, leaders, standing, self._link_params, links)
+        step_links(self._bank["link"], rows, leaders, standing(readings, verdicts), self._link_params, links)
         concerned = np.flatnonzero((links["kind"] != Kind.NONE) | self._link_events.active[rows])
         if not concerned.size:
             return
-        links, said = links[concerned], verdicts[concerned]
-        check = np.where(links["kind"] == Kind.RANGE, links["ranging"], links["response"])
-        for name in ("statistic", "gate", "p_value"):
-            said[name] = check[name]
-        said["kind"], said["sensor"], said["anomalous"] = links["kind"], Sensor.LINK, links["kind"] != Kind.NONE
-        odds = links["follower_log_odds"]
-        said["confidence"] = expit(np.abs(odds))
+        said, odds = link_said(links[concerned], verdicts[concerned]), links["follower_log_odds"][concerned]
         rows, leaders = rows[concerned], leaders[concerned]
         suspects = np.where((odds < 0.0) & (leaders >= 0), leaders, rows)
         tally.anomalous += int(said["anomalous"].sum())
@@ -253,6 +242,7 @@ class Engine:
         limit = silence.limit_us(self._tracks["interval_s"][rows], self._config.miss_after_s)
         late = silence.late(now_us, heard_us[rows], witness_us, limit)
         late &= ~self._misses.active[rows] & (self._tracks["count"][rows] > self._config.warming_readings)
+        late &= heard_us[rows] >= self._restored_us
         for i in np.flatnonzero(late):
             row = int(rows[i])
             if not self._renamed(row, rows):
@@ -282,7 +272,7 @@ class Engine:
         self._events.drop(row)
         self._link_events.drop(row)
         tracks.forget(self._tracks, np.array([row]))
-        self._evidence.forget(row)
+        self._evidence.forget(np.array([row]))
         self._bank[row] = 0
         self._verdicts[row] = 0
         self._vehicles.forget(row)
@@ -319,6 +309,58 @@ class Engine:
             anomalous=self._events.active[rows] | self._link_events.active[rows],
             silent=self._misses.active[rows],
         )
+
+    def snapshot(self, stride: int = 1, phase: int = 0) -> Snapshot:
+        """Return copies of all that is known of the vehicles whose row is `phase` modulo `stride`.
+
+        Parts taken one after the other, with steps between them, make a whole that `restore` accepts.
+        """
+        rows = np.flatnonzero(self._vehicles.in_use)
+        rows = rows[rows % stride == phase]
+        return Snapshot(
+            rows=rows,
+            ids=[str(self._vehicles.id_of[row]) for row in rows],
+            tables={name: table[rows] for name, table in self._tables.items()},
+            events=self._events.under_way(rows),
+            link_events=self._link_events.under_way(rows),
+            misses=self._misses.under_way(rows),
+        )
+
+    def restore(self, snapshot: Snapshot, now_us: int) -> int:
+        """Go on with the vehicles of a snapshot that were heard within `forget_after_s`; return how many.
+
+        This engine must not know any vehicle yet, and the snapshot must be of its configuration and of this core.
+        Nobody is accused of the silence in between: it was ours.
+        """
+        heard_us = snapshot.tables["tracks"]["received_us"]
+        newest = np.argsort(heard_us, kind="stable")[::-1]
+        _, first = np.unique(np.array(snapshot.ids, dtype=np.str_)[newest], return_index=True)
+        kept = newest[first]
+        kept = np.sort(kept[now_us - heard_us[kept] <= self._config.forget_after_s * 1e6])
+        rows = snapshot.rows[kept]
+        self._vehicles.seat(rows, [snapshot.ids[i] for i in kept])
+        for name, table in self._tables.items():
+            table[rows] = snapshot.tables[name][kept]
+        for column in ("leader_row", "challenger_row"):
+            whom = self._pairing[column][rows]
+            self._pairing[column][rows] = np.where(self._vehicles.in_use[whom], whom, pairing.NOBODY)
+        self._events.resume([event for event in snapshot.events if self._vehicles.in_use[event.row]])
+        self._link_events.resume([event for event in snapshot.link_events if self._vehicles.in_use[event.row]])
+        self._misses.resume([miss for miss in snapshot.misses if self._vehicles.in_use[miss.row]])
+        self._restored_us = now_us
+        return int(rows.size)
+
+    @property
+    def _tables(self) -> dict[str, NDArray[np.generic]]:
+        """What is kept of each row, by name, as far as a snapshot holds it."""
+        return {
+            "tracks": self._tracks,
+            "pairing": self._pairing,
+            "bank": self._bank,
+            "verdicts": self._verdicts,
+            "judged_t_s": self._judged_t_s,
+            "first_heard_us": self._first_heard_us,
+        }
 
     def warm_up(self) -> None:
         """Compile or load every kernel, on a vehicle pair of an engine of its own: this one stays as it is."""

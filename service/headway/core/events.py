@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from headway.core.batch import I64
 from headway.core.evidence import EvidenceStore
 from headway.core.records import Kind, Records, Sensor
+from headway.core.snapshot import OpenEvent
 from headway.core.turn import AnomalyEvent, Phase
 from headway.core.vehicles import VehicleTable
 
@@ -75,6 +76,19 @@ class EventLog:
         """Forget the event of a row, if any, without a word."""
         self._open.pop(row, None)
         self.active[row] = False
+
+    def under_way(self, rows: I64) -> list[OpenEvent]:
+        """Return the events of `rows` (n,)."""
+        of = [(int(row), self._open[int(row)]) for row in rows[self.active[rows]]]
+        return [OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.stated_us, e.quiet) for row, e in of]
+
+    def resume(self, events: list[OpenEvent]) -> None:
+        """Go on with these events; nothing is said of it."""
+        for event in events:
+            self._open[event.row] = _Open(
+                event.event_id, Kind(event.kind), Sensor(event.sensor), event.stated_us, event.quiet
+            )
+            self.active[event.row] = True
 
     def _advance(self, of: _Of, verdict: np.void) -> Phase | None:
         row, t_us = of.row, of.t_us

@@ -15,7 +15,9 @@ from headway.core.turn import Evidence
 
 
 @njit(cache=True)
-def _remember(bank: Any, rows: Any, readings: Any, ring: Any, checkpoints: Any, counts: Any) -> None:
+def _remember(
+    bank: Any, rows: Any, readings: Any, leaders: Any, ring: Any, leader_ring: Any, checkpoints: Any, counts: Any
+) -> None:
     size = ring.shape[1]
     half = size // 2
     for i in range(rows.size):
@@ -24,6 +26,7 @@ def _remember(bank: Any, rows: Any, readings: Any, ring: Any, checkpoints: Any, 
         if count % half == 0:
             checkpoints[row, (count // half) % 2] = bank[row]
         ring[row, count % size] = readings[i]
+        leader_ring[row, count % size] = leaders[i]
         counts[row] = count + 1
 
 
@@ -34,23 +37,26 @@ class EvidenceStore:
         if readings < 2 or readings % 2:
             raise ValueError(f"evidence needs an even number of readings, at least 2: got {readings}")
         self._ring: Records = np.zeros((bank.size, readings), READING)
+        self._leaders: I64 = np.zeros((bank.size, readings), np.int64)
         self._checkpoints: Records = np.zeros((bank.size, 2), bank.dtype)
         self._counts: I64 = np.zeros(bank.size, np.int64)
 
-    def remember(self, bank: Records, rows: I64, readings: Records) -> None:
-        """Take in the readings that `rows` are about to be judged by; call before the filter steps."""
-        _remember(bank, rows, readings, self._ring, self._checkpoints, self._counts)
+    def remember(self, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
+        """Take in the readings that `rows` are about to be judged by, and whom they follow; call before any steps."""
+        _remember(bank, rows, readings, leaders, self._ring, self._leaders, self._checkpoints, self._counts)
 
     def of(self, row: int) -> Evidence:
         """Return what replays the newest verdict of a row."""
         count, size = int(self._counts[row]), self._ring.shape[1]
         half = size // 2
         first = max(0, (count - 1) // half - 1) * half
+        places = np.arange(first, count) % size
         return Evidence(
             checkpoint=self._checkpoints[row, (first // half) % 2].copy(),
-            readings=self._ring[row, np.arange(first, count) % size].copy(),
+            readings=self._ring[row, places],
+            leaders=self._leaders[row, places],
         )
 
-    def forget(self, row: int) -> None:
-        """Drop everything about a row."""
-        self._counts[row] = 0
+    def forget(self, rows: I64) -> None:
+        """Drop everything about `rows`: their banks were changed by something else than readings."""
+        self._counts[rows] = 0

@@ -8,17 +8,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.special import expit
 
 from headway.core.check import CHECK
 from headway.core.ranging import RANGING, RangingParams, ranging_relink, ranging_step
-from headway.core.records import Kind
+from headway.core.records import Kind, Records, Sensor
 from headway.core.response import RESPONSE, ResponseParams, response_relink, response_step
 from headway.core.suspect import WITNESS, bear_witness, follower_log_odds, held
 from headway.core.tail import TailParams
 
 LINK = np.dtype(
     [
-        ("leader", "i8"),  # row of the leader, counted from 1; 0: nobody ahead
+        ("leader", "i8"),  # row of the last leader, counted from 1; 0: never one
         ("log_odds", "f8"),  # the strongest statement about this pair of late: above 0 the follower lies
         ("log_odds_t_s", "f8"),
         ("ranging_witness", WITNESS),
@@ -64,6 +65,27 @@ def link_params(budget_per_hour: float) -> LinkParams:
 
 
 @njit(cache=True)
+def step_pair(link: Any, leader: int, z: Any, p: LinkParams, verdict: Any) -> None:
+    """Both tests of one row (LINK) with `leader`, -1 for none, on one READING: all of the verdict but who is to blame.
+
+    It depends on this row alone, so that it can be computed again from the row and its readings.
+    """
+    if leader >= 0 and link.leader != leader + 1:
+        link.leader, link.log_odds = leader + 1, 0.0
+        response_relink(link.response)
+        ranging_relink(link.ranging)
+    response_step(link.response, z, p.response, verdict.response)
+    ranging_step(link.ranging, z, p.ranging, verdict.ranging)
+    verdict.kind = NONE
+    if leader < 0:
+        return
+    if verdict.ranging.anomalous:
+        verdict.kind = RANGE_KIND
+    elif verdict.response.anomalous:
+        verdict.kind = RESPONSE_KIND
+
+
+@njit(cache=True)
 def step_links(links: Any, rows: Any, leaders: Any, readings: Any, p: LinkParams, verdicts: Any) -> None:
     """Judge a wave: distinct `rows` (B,) with `leaders` (B,), -1 for none, `readings` and `verdicts` (B,).
 
@@ -71,13 +93,8 @@ def step_links(links: Any, rows: Any, leaders: Any, readings: Any, p: LinkParams
     """
     for i in range(rows.size):
         link, z, verdict = links[rows[i]], readings[i], verdicts[i]
-        if link.leader != leaders[i] + 1:
-            link.leader, link.log_odds = leaders[i] + 1, 0.0
-            response_relink(link.response)
-            ranging_relink(link.ranging)
-        response_step(link.response, z, p.response, verdict.response)
-        ranging_step(link.ranging, z, p.ranging, verdict.ranging)
-        verdict.kind, verdict.follower_log_odds = NONE, 0.0
+        step_pair(link, leaders[i], z, p, verdict)
+        verdict.follower_log_odds = 0.0
         if leaders[i] < 0:
             continue
         leader, lean = links[leaders[i]], verdict.response.lean
@@ -85,14 +102,32 @@ def step_links(links: Any, rows: Any, leaders: Any, readings: Any, p: LinkParams
             bear_witness(link.response_witness, leader.response_witness, verdict.response.statistic, z.t_s)
         if not verdict.ranging.warming:
             bear_witness(link.ranging_witness, leader.ranging_witness, verdict.ranging.statistic, z.t_s)
-        if verdict.ranging.anomalous:
-            verdict.kind = RANGE_KIND
+        if verdict.kind == RANGE_KIND:
             log_odds = follower_log_odds(link.ranging_witness, leader.ranging_witness, lean, z.t_s)
-        elif verdict.response.anomalous:
-            verdict.kind = RESPONSE_KIND
+        elif verdict.kind == RESPONSE_KIND:
             log_odds = follower_log_odds(link.response_witness, leader.response_witness, lean, z.t_s)
         else:
             continue
         if abs(log_odds) > abs(held(link.log_odds, link.log_odds_t_s, z.t_s)):
             link.log_odds, link.log_odds_t_s = log_odds, z.t_s
         verdict.follower_log_odds = link.log_odds
+
+
+def standing(readings: Records, verdicts: Records) -> Records:
+    """Return the `readings` (B,) with recovered values in the place of those that the filter's `verdicts` reject."""
+    stand = readings.copy()
+    false_x, false_v = verdicts["sensor"] & int(Sensor.LOCATION) != 0, verdicts["sensor"] & int(Sensor.SPEED) != 0
+    stand["x_m"][false_x] = verdicts["x_m"][false_x]
+    stand["v_mps"][false_v] = verdicts["v_mps"][false_v]
+    return stand
+
+
+def link_said(links: Records, verdicts: Records) -> Records:
+    """Return what the tests between two cars say, as VERDICT (B,); the estimate in it is the filter's."""
+    said = verdicts.copy()
+    check = np.where(links["kind"] == Kind.RANGE, links["ranging"], links["response"])
+    for name in ("statistic", "gate", "p_value"):
+        said[name] = check[name]
+    said["kind"], said["sensor"], said["anomalous"] = links["kind"], Sensor.LINK, links["kind"] != Kind.NONE
+    said["confidence"] = expit(np.abs(links["follower_log_odds"]))
+    return said

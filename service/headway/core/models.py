@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from headway.core import constant_acceleration as ca
+from headway.core import imm
 from headway.core.bank import BatchKernel, RowKernel
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
@@ -80,6 +82,8 @@ def _paper(name: str, order: int, config: DetectorConfig) -> Model:
 
 
 MODELS: dict[str, Callable[[DetectorConfig], Model]] = {
+    "headway": lambda config: Model("headway", imm.HEADWAY, imm.headway_params(config), imm.step_row, imm.step_batch),
+    "ca": lambda config: Model("ca", ca.CA, ca.ca_params(config), ca.step_row, ca.step_batch),
     "ekf": lambda config: _paper("ekf", 2, config),
     "aekf": lambda config: _paper("aekf", 3, config),
 }

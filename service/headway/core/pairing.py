@@ -44,6 +44,9 @@ VOTES_TO_REPLACE = 3
 MISSES_TO_LOSE = 4
 """Looks in a row without the leader before it is lost: two seconds."""
 
+DOUBTS_TO_LEAP = 4
+"""Looks in a row that find the follower beside another place of the trail before the offset leaps there."""
+
 FRESH_US = 2_000_000
 """A vehicle not heard for so long cannot be anybody's leader at this look."""
 
@@ -55,12 +58,10 @@ PAIRING = np.dtype(
         ("challenger_row", "i8"),
         ("votes", "i8"),
         ("misses", "i8"),
-        ("doubts", "i8"),  # looks in a row in which the offset disagreed with the trail by more than it may move
+        ("doubts", "i8"),  # looks in a row that found the follower beside another place of the trail
         ("look_us", "i8"),  # event time of the last look
         ("look_x_m", "f8"),  # follower's base at the last look that moved the offset
         ("offset_m", "f8"),
-        ("lateral_m", "f8"),  # follower, to the left of the leader's trail
-        ("declared", "?"),  # the follower itself names this leader
     ],
     align=True,
 )
@@ -72,7 +73,7 @@ _ALLOWANCE_LANES = 1.0 / 6.0  # at most, for the accuracy that both declare: the
 _OFFSET_GAIN = 0.5
 _OFFSET_PER_METRE = 0.15  # two paths a metre apart in a bend of 7 m radius
 _OFFSET_SLACK_M = 0.02
-_DOUBTS_TO_RESET = 4
+_DOUBT_LIMITS, _DOUBT_MIN_M = 4.0, 1.0  # an error beyond both is not two paths parting, but another place
 
 
 def new_pairing(capacity: int) -> Records:
@@ -156,7 +157,6 @@ def _begin(pair: Any, track: Any, row: int) -> None:
     pair.serial = track.serial
     pair.leader_row = pair.challenger_row = NOBODY
     pair.votes = pair.misses = pair.doubts = 0
-    pair.declared = False
     pair.look_us = track.t_us - 7 * _spread_us(row)
 
 
@@ -168,105 +168,94 @@ def _spread_us(row: int) -> int:
 
 @njit(cache=True)
 def _look_once(
-    tracks: Records,
-    pairing: Records,
-    row: int,
-    declared_row: int,
-    near: I64,
-    range_m: float,
-    lane_width_m: float,
+    tracks: Records, pairing: Records, row: int, declared_row: int, near: I64, range_m: float, lane_width_m: float
 ) -> bool:
-    """Bring one row's leader and offset up to date; return whether they are others than before."""
-    follower = tracks[row]
-    pair = pairing[row]
-    before_row = pair.leader_row
-    pair.leader_row = leader_of(tracks, pairing, row)
-    corridor_m = 0.5 * lane_width_m
+    """Bring one row's leader and offset up to date; return whether either leapt."""
+    follower, pair = tracks[row], pairing[row]
+    leader_row = leader_of(tracks, pairing, row)
+    changed = bool(leader_row != pair.leader_row)
+    pair.leader_row = leader_row
 
-    found_row, ahead_m, lateral_m = _find_declared(tracks, row, declared_row, range_m)
-    pair.declared = found_row != NOBODY
-    if not pair.declared:
-        found_row, ahead_m, lateral_m = _find_leader(tracks, row, pair.leader_row, near, range_m, lane_width_m)
-
-    if found_row != NOBODY and found_row == pair.leader_row:
+    found_row, ahead_m = _find_declared(tracks, row, declared_row, range_m)
+    declared = found_row != NOBODY
+    if not declared:
+        found_row, ahead_m = _find_leader(tracks, row, leader_row, near, range_m, lane_width_m)
+    if found_row != NOBODY and found_row == leader_row:
         pair.misses = pair.votes = 0
         pair.challenger_row = NOBODY
-        pair.lateral_m = lateral_m
-        return _follow_offset(pair, follower, follower.base_x_m + ahead_m - tracks[found_row].base_x_m)
+        return _follow_offset(pair, follower, follower.base_x_m + ahead_m - tracks[leader_row].base_x_m)
 
-    kept = False
-    if pair.leader_row != NOBODY:
-        leader = tracks[pair.leader_row]
-        leader_ahead_m, leader_lateral_m = ahead_on_trail(leader, follower, _KEEP_CORRIDOR * corridor_m, range_m)
-        kept = leader_ahead_m > 0.0 and _is_fresh(leader, follower)
-        pair.misses = 0 if kept else pair.misses + 1
-
+    leader_ahead_m = 0.0
+    if leader_row != NOBODY:
+        leader = tracks[leader_row]
+        if _is_fresh(leader, follower):
+            leader_ahead_m, _ = ahead_on_trail(leader, follower, 0.5 * lane_width_m * _KEEP_CORRIDOR, range_m)
+        pair.misses = 0 if leader_ahead_m > 0.0 else pair.misses + 1
     pair.votes = pair.votes + 1 if found_row == pair.challenger_row else 1
     pair.challenger_row = found_row
-    if found_row != NOBODY and (pair.declared or pair.votes >= (VOTES_TO_REPLACE if kept else VOTES_TO_LEAD)):
+    votes_needed = VOTES_TO_REPLACE if leader_ahead_m > 0.0 else VOTES_TO_LEAD
+    if found_row != NOBODY and (declared or pair.votes >= votes_needed):
         pair.leader_row = found_row
         pair.leader_serial = tracks[found_row].serial
-        pair.lateral_m = lateral_m
         pair.offset_m = follower.base_x_m + ahead_m - tracks[found_row].base_x_m
         pair.look_x_m = follower.base_x_m
         pair.challenger_row = NOBODY
         pair.votes = pair.misses = pair.doubts = 0
-    elif kept:
-        pair.lateral_m = leader_lateral_m
+        return True
+    if leader_ahead_m > 0.0:
         return _follow_offset(pair, follower, follower.base_x_m + leader_ahead_m - leader.base_x_m)
-    elif pair.misses >= MISSES_TO_LOSE:
+    if pair.misses >= MISSES_TO_LOSE:
         pair.leader_row = NOBODY
         pair.misses = 0
-    return bool(pair.leader_row != before_row)
+        return True
+    return changed
 
 
 @njit(cache=True)
 def _follow_offset(pair: Any, follower: Any, measured_m: float) -> bool:
-    """Move the offset towards the one measured, no faster than two paths may part; return whether it had to leap."""
+    """Move the offset towards the one measured, no faster than two paths may part; return whether it leapt."""
     limit_m = _OFFSET_SLACK_M + _OFFSET_PER_METRE * abs(follower.base_x_m - pair.look_x_m)
     pair.look_x_m = follower.base_x_m
     error_m = measured_m - pair.offset_m
-    pair.doubts = pair.doubts + 1 if abs(error_m) > max(4.0 * limit_m, 1.0) else 0
-    if pair.doubts >= _DOUBTS_TO_RESET:
+    if abs(error_m) > max(_DOUBT_LIMITS * limit_m, _DOUBT_MIN_M):
+        pair.doubts += 1
+        if pair.doubts < DOUBTS_TO_LEAP:
+            return False
         pair.doubts = 0
         pair.offset_m = measured_m
         return True
+    pair.doubts = 0
     pair.offset_m += min(max(_OFFSET_GAIN * error_m, -limit_m), limit_m)
     return False
 
 
 @njit(cache=True)
-def _find_declared(tracks: Records, row: int, declared_row: int, range_m: float) -> tuple[int, float, float]:
-    """Return (row, metres ahead, lateral) of the leader the follower names, or NOBODY where it cannot be."""
+def _find_declared(tracks: Records, row: int, declared_row: int, range_m: float) -> tuple[int, float]:
+    """Return (row, metres ahead) of the leader the follower names, or NOBODY where it cannot be."""
     if declared_row in (NOBODY, row):
-        return NOBODY, 0.0, 0.0
+        return NOBODY, 0.0
     follower, leader = tracks[row], tracks[declared_row]
     if leader.t_us == 0 or not _is_fresh(leader, follower):
-        return NOBODY, 0.0, 0.0
-    east_m, north_m = between_bases(leader, follower)
-    if math.hypot(east_m, north_m) > range_m:
-        return NOBODY, 0.0, 0.0
-    ahead_m, lateral_m = ahead_on_trail(leader, follower, _DECLARED_REACH_M, range_m)
-    return (declared_row, ahead_m, lateral_m) if ahead_m > 0.0 else (NOBODY, 0.0, 0.0)
+        return NOBODY, 0.0
+    ahead_m, _ = ahead_on_trail(leader, follower, _DECLARED_REACH_M, range_m)
+    return (declared_row, ahead_m) if ahead_m > 0.0 else (NOBODY, 0.0)
 
 
 @njit(cache=True)
 def _find_leader(
     tracks: Records, row: int, leader_row: int, near: I64, range_m: float, lane_width_m: float
-) -> tuple[int, float, float]:
-    """Return (row, metres ahead, lateral) of the vehicle next ahead in the follower's lane, or NOBODY.
+) -> tuple[int, float]:
+    """Return (row, metres ahead) of the vehicle next ahead in the follower's lane, or NOBODY.
 
     `near` is sorted by distance as the crow flies, which no way along a road undercuts.
     """
     follower = tracks[row]
     corridor_m = 0.5 * lane_width_m
-    first_row, first_m, first_lateral_m = NOBODY, np.inf, 0.0
-    second_row, second_m, second_lateral_m = NOBODY, np.inf, 0.0
+    first_row, first_m = NOBODY, np.inf
+    second_row, second_m = NOBODY, np.inf
     for k in range(-1, near.size):
-        if k >= 0 and near[k] == leader_row:
-            continue
         candidate_row = leader_row if k < 0 else near[k]
-        if candidate_row == NOBODY:
+        if candidate_row == NOBODY or (k >= 0 and candidate_row == leader_row):
             continue
         candidate = tracks[candidate_row]
         if candidate.t_us == 0 or not _is_fresh(candidate, follower):
@@ -274,24 +263,23 @@ def _find_leader(
         reach_m = corridor_m * _KEEP_CORRIDOR
         if candidate_row != leader_row:
             reach_m = corridor_m + _allowance_m(candidate, follower, lane_width_m)
-        ahead_m, lateral_m = ahead_on_trail(candidate, follower, reach_m, range_m)
+        ahead_m, _ = ahead_on_trail(candidate, follower, reach_m, range_m)
         if ahead_m <= 0.0:
             continue
         if ahead_m < first_m:
-            second_row, second_m, second_lateral_m = first_row, first_m, first_lateral_m
-            first_row, first_m, first_lateral_m = candidate_row, ahead_m, lateral_m
+            second_row, second_m = first_row, first_m
+            first_row, first_m = candidate_row, ahead_m
         elif ahead_m < second_m:
-            second_row, second_m, second_lateral_m = candidate_row, ahead_m, lateral_m
+            second_row, second_m = candidate_row, ahead_m
         if second_row != NOBODY and k >= 0:
             break
     if first_row == NOBODY:
-        return NOBODY, 0.0, 0.0
+        return NOBODY, 0.0
     if second_row != NOBODY:
         behind_m, lateral_m = ahead_on_trail(tracks[second_row], tracks[first_row], 2.0 * lane_width_m, range_m)
         if behind_m > 0.0 and abs(lateral_m) > _GONE_LANES * lane_width_m:
-            first_row, first_m, first_lateral_m = second_row, second_m, second_lateral_m
-    found_row, ahead_m = _find_cut_in(tracks, row, leader_row, first_row, first_m, near, corridor_m)
-    return found_row, ahead_m, first_lateral_m
+            first_row, first_m = second_row, second_m
+    return _find_cut_in(tracks, row, leader_row, first_row, first_m, near, corridor_m)
 
 
 @njit(cache=True)

@@ -200,12 +200,12 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
 def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
     """Take one READING into one RESPONSE row and write what stands now into a CHECK.
 
-    Between ticks the last verdict stands. Without a leader there is nothing to answer: the check says `warming`.
+    Between ticks the last verdict stands. Without a leader there is nothing to answer, and the check says `warming`;
+    a leader who is heard again within `max_gap_s` is answered as if there had been no gap.
     """
     check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s):
-        response_relink(row)
         return
     dt_s = z.t_s - row.t_s
     begun = row.ticks > 0 and dt_s <= p.max_gap_s

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from headway.core.batch import F64, I64
 from headway.core.records import Kind, Sensor
+from headway.core.snapshot import OpenMiss
 from headway.core.turn import AnomalyEvent, Phase
 from headway.core.vehicles import VehicleTable
 
@@ -90,6 +91,16 @@ class MissLog:
         del self._ids[row]
         self.active[row] = False
         return event
+
+    def under_way(self, rows: I64) -> list[OpenMiss]:
+        """Return the misses of `rows` (n,)."""
+        return [OpenMiss(int(row), self._ids[int(row)]) for row in rows[self.active[rows]]]
+
+    def resume(self, misses: list[OpenMiss]) -> None:
+        """Go on with these misses; nothing is said of it."""
+        for miss in misses:
+            self._ids[miss.row] = miss.event_id
+            self.active[miss.row] = True
 
     def _state(self, phase: Phase, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
         suspect = self._vehicles.id_of[row]

@@ -6,7 +6,7 @@ from enum import StrEnum, unique
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.batch import F64
+from headway.core.batch import F64, I64
 from headway.core.records import Kind, Records, Sensor
 
 
@@ -23,12 +23,14 @@ class Phase(StrEnum):
 class Evidence:
     """Enough to compute the verdict again: a row's state some readings ago, and every reading since.
 
-    `checkpoint` is the bank row (dtype of the model) before `readings[0]`; `readings` has dtype READING, oldest first,
-    the judged one last.
+    `checkpoint` is the bank row (`judges.Judges.dtype`) before `readings[0]`; `readings` (n,) has dtype READING, oldest
+    first, the judged one last; `leaders` (n,) is the row of whom the vehicle followed then, -1 for nobody: a row of
+    another number is another leader, no more is read from it.
     """
 
     checkpoint: Records
     readings: Records
+    leaders: I64
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,13 +38,16 @@ class VehicleTable:
             if not self._free:
                 break
             row = self._free.pop()
-            self._serial += 1
-            self.row_of[vehicle] = row
-            self.id_of[row] = vehicle
-            self.serial[row] = self._serial
-            self.in_use[row] = True
+            self._take(row, vehicle)
             given.append(row)
         return given
+
+    def seat(self, rows: I64, ids: list[str]) -> None:
+        """Give these free `rows` (n,) to these new `ids`."""
+        taken = dict(zip(rows.tolist(), ids, strict=True))
+        self._free = [row for row in self._free if row not in taken]
+        for row, vehicle in taken.items():
+            self._take(row, vehicle)
 
     def forget(self, row: int) -> None:
         """Free a row."""
@@ -56,3 +59,10 @@ class VehicleTable:
         self.in_use[row] = False
         self.serial[row] = 0
         self._free.append(row)
+
+    def _take(self, row: int, vehicle: str) -> None:
+        self._serial += 1
+        self.row_of[vehicle] = row
+        self.id_of[row] = vehicle
+        self.serial[row] = self._serial
+        self.in_use[row] = True

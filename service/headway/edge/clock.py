@@ -23,14 +23,9 @@ class Clock(Protocol):
 class SystemClock:
     """The machine's clocks."""
 
+    monotonic_ns = staticmethod(time.monotonic_ns)
+    sleep = staticmethod(time.sleep)
+
     def wall_us(self) -> int:
         """Microseconds of Unix time."""
         return time.time_ns() // 1000
-
-    def monotonic_ns(self) -> int:
-        """Nanoseconds that never run backwards."""
-        return time.monotonic_ns()
-
-    def sleep(self, seconds: float) -> None:
-        """Let others work."""
-        time.sleep(seconds)

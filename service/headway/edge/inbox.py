@@ -20,7 +20,7 @@ class Inbox:
     """
 
     def __init__(self, limit: int, bytes_limit: int, records_in: Callable[[Arrival], int]) -> None:
-        self.limit = limit
+        self._limit = limit
         self._bytes_limit = bytes_limit
         self._records_in = records_in
         self._queue: deque[Arrival] = deque()
@@ -42,7 +42,7 @@ class Inbox:
         self.received += 1
         self._bytes_in += len(arrival.payload)
         self._queue.append(arrival)
-        while len(self._queue) > self.limit or self._bytes_in - self._bytes_out > self._bytes_limit:
+        while len(self._queue) > self._limit or self._bytes_in - self._bytes_out > self._bytes_limit:
             if not self._shed():
                 break
 

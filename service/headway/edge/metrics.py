@@ -38,6 +38,7 @@ class Sources:
     engine: Engine
     vehicle_capacity: int
     queue_limit: int
+    alarm_budget_per_hour: float
 
 
 @unique
@@ -120,6 +121,8 @@ TABLE: Final = (
     Metric("headway_pairs", _G, "Vehicles that follow another.", (), _one(lambda s: s.engine.pairs)),
     Metric("headway_active_events", _G, "Events not cleared.", (), _one(lambda s: s.engine.active_events)),
     Metric("headway_events_total", _C, "Statements about suspects.", ("kind", "phase"), _events),
+    Metric("headway_alarm_budget_per_hour", _G, "False alarms accepted, per vehicle and hour of clean traffic.", (),
+           _one(lambda s: s.alarm_budget_per_hour)),
     Metric("headway_anomalous_readings_total", _C, "Scored readings beyond the gate.", (),
            _one(lambda s: s.ledger.anomalous)),
     Metric("headway_nis_readings_total", _C,

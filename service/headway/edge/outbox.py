@@ -19,6 +19,7 @@ class Outbox:
     """
 
     def __init__(self, name: str, limit: int, failure: type[Exception]) -> None:
+        self.name = name
         self._limit = limit
         self._failure = failure
         self._acts: SimpleQueue[Callable[[], None] | None] = SimpleQueue()

@@ -61,9 +61,10 @@ def event_message(
 
 
 def _evidence(evidence: Evidence) -> wire.Evidence:
+    leaders = evidence.leaders.astype(float).tolist()
     return wire.Evidence(
-        columns=READING.names or (),
-        readings=evidence.readings.tolist(),
+        columns=(*(READING.names or ()), "leader_row"),
+        readings=tuple((*reading, leader) for reading, leader in zip(evidence.readings.tolist(), leaders, strict=True)),
         checkpoint=evidence.checkpoint.tobytes(),
         parameters={},
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+import structlog
 
 from headway.core.batch import F64
 from headway.core.engine import Engine
@@ -24,12 +25,16 @@ from headway.edge.vitals import Identity, Vitals
 from headway_schemas.event import Stage
 from headway_schemas.keys import Keys
 
+_log: Final = structlog.get_logger(__name__)
+_WARMING: Final = np.uint8(Outcome.WARMING)
+"""Outcomes beyond it are rejections; as numpy's own number it is compared ten times faster."""
 _TICK_NS: Final = 20_000_000
 """Without messages, time passes for the engine this often: silence is judged from 0.6 s on."""
 _REST_UNLESS_WAITING: Final = 64
 """So many messages gather between turns before the loop goes without rest."""
-_REST_GROWTH_MAX: Final = 10
-"""An idle loop rests up to so many times longer."""
+_QUIET_NS: Final = 1_000_000_000
+_QUIET_REST: Final = 10
+"""After a second without any message the loop rests so many times longer."""
 _COLLECT_IDLE_NS: Final = 10_000_000_000
 _COLLECT_NS: Final = 60_000_000_000
 
@@ -74,9 +79,8 @@ class Shell:
         self._ledger = ledger
         self._latencies = latencies
         self._reporter = reporter
-        self._tick_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
+        self._tick_ns = self._heard_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
         self._copies: Counter[Outcome] = Counter()
-        self._rest_s = config.idle_sleep_s
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Turn until `stopping`; the garbage collector works when there is nothing else to do."""
@@ -108,10 +112,15 @@ class Shell:
         if arrivals or now_ns >= self._tick_ns:
             self._tick_ns = now_ns + _TICK_NS
             self._judge(arrivals, now_ns)
-        self._vitals.connected, self._vitals.subscribed = self._bus.connected, self._bus.subscribed
-        self._vitals.last_turn_ns = now_ns
+        self._look(now_ns)
         self._reporter.turn(now_ns)
         return len(arrivals)
+
+    def _look(self, now_ns: int) -> None:
+        vitals, connected = self._vitals, self._bus.connected
+        if connected != vitals.connected:
+            _log.info("connected" if connected else "disconnected", transports=self._bus.transports)
+        vitals.connected, vitals.subscribed, vitals.last_turn_ns = connected, self._bus.subscribed, now_ns
 
     def _judge(self, arrivals: list[Arrival], drained_ns: int) -> None:
         drained_us = self._clock.wall_us()
@@ -136,8 +145,8 @@ class Shell:
             self._bus.publish(Channel.ALERT, self._keys.alert(message.kind, message.suspect), encode(message))
 
     def _tell_rejections(self, decoded: Decoded, arrivals: list[Arrival], result: Turn, now_ns: int) -> None:
-        by_core = np.flatnonzero(result.outcomes > Outcome.WARMING)
-        if not (decoded.rejections or by_core.size):
+        by_core = np.flatnonzero(result.outcomes > _WARMING)
+        if not ((decoded.rejections or by_core.size) and self._bus.wanted(Channel.REJECTED)):
             return
         if now_ns - self._copies_ns >= 1_000_000_000:
             self._copies_ns = now_ns
@@ -150,8 +159,6 @@ class Shell:
 
     def _tell_rejection(self, rejection: Rejection) -> None:
         reason = rejection.fault.reason
-        if not self._bus.wanted(Channel.REJECTED):
-            return
         if self._copies[reason] >= self._config.rejected_rate_hz:
             self._ledger.copies_withheld += 1
             return
@@ -160,11 +167,12 @@ class Shell:
         self._bus.publish(Channel.REJECTED, self._keys.rejected(reason.label), encode(copy))
 
     def _rest(self, taken: int) -> None:
-        if self._bus.waiting > max(taken, _REST_UNLESS_WAITING):
-            return
-        longer = min(2 * self._rest_s, _REST_GROWTH_MAX * self._config.idle_sleep_s)
-        self._rest_s = self._config.idle_sleep_s if taken else longer
-        self._clock.sleep(self._rest_s)
+        now_ns = self._clock.monotonic_ns()
+        if taken:
+            self._heard_ns = now_ns
+        if self._bus.waiting <= max(taken, _REST_UNLESS_WAITING):
+            is_quiet = now_ns - self._heard_ns > _QUIET_NS
+            self._clock.sleep(self._config.idle_sleep_s * (_QUIET_REST if is_quiet else 1))
 
     def _collect(self, *, idle: bool) -> None:
         now_ns = self._clock.monotonic_ns()

@@ -1,0 +1,11 @@
+"""Compile the kernels of every motion model for the delays (s) given into numba's cache."""
+
+import sys
+from itertools import product
+
+from headway.core.config import DetectorConfig
+from headway.core.engine import Engine
+from headway.core.models import MODELS
+
+for model, delay_s in product(MODELS, sys.argv[1:]):
+    Engine(DetectorConfig(model=model, delay_s=float(delay_s))).warm_up()

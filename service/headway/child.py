@@ -1,0 +1,81 @@
+"""The service in a process of its own, for the demo and the load test: started, waited for, and stopped in order."""
+
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import IO
+
+from headway.errors import UserError
+from headway.settings import ENV_PREFIX
+
+READY_S = 300.0
+"""The first start of a model compiles its kernels; later ones load them."""
+STOP_S = 20.0
+
+
+@contextmanager
+def running_service(settings: Mapping[str, object]) -> Iterator[str]:
+    """Run `headway serve` on free loopback ports; give its zenoh endpoint once it is ready, stop it at the end.
+
+    `settings` are added to what the environment says.
+
+    Raises
+    ------
+    UserError
+        It ended, or was not ready in time; its last words are in the message.
+    """
+    bus, http = _free_ports(2)
+    endpoint = f"tcp/127.0.0.1:{bus}"
+    own = {"mode": "peer", "connect": "", "listen": endpoint, "http_port": http, "log_level": "warning", **settings}
+    environment = os.environ | {ENV_PREFIX + name.upper(): str(value) for name, value in own.items()}
+    command = [sys.executable, "-m", "headway", "serve"]
+    with tempfile.TemporaryFile("w+") as words:
+        process = subprocess.Popen(command, env=environment, stderr=words, stdout=subprocess.DEVNULL)  # noqa: S603
+        try:
+            _wait_until_ready(process, f"http://127.0.0.1:{http}/readyz", words)
+            yield endpoint
+        finally:
+            process.send_signal(signal.SIGTERM)
+            try:
+                process.wait(STOP_S)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _wait_until_ready(process: subprocess.Popen[bytes], url: str, words: IO[str]) -> None:
+    deadline_s = time.monotonic() + READY_S
+    while time.monotonic() < deadline_s:
+        if process.poll() is not None:
+            raise UserError(f"the service ended before it was ready: {_last_line(words)}")
+        try:
+            with urllib.request.urlopen(url, timeout=1.0):  # noqa: S310
+                return
+        except (urllib.error.URLError, TimeoutError):
+            time.sleep(0.1)
+    raise UserError(f"the service was not ready within {READY_S:.0f} s: {_last_line(words)}")
+
+
+def _last_line(words: IO[str]) -> str:
+    words.seek(0)
+    lines = words.read().strip().splitlines()
+    return lines[-1] if lines else "it said nothing"
+
+
+def _free_ports(count: int) -> list[int]:
+    sockets = [socket.socket() for _ in range(count)]
+    try:
+        for one in sockets:
+            one.bind(("127.0.0.1", 0))
+        return [one.getsockname()[1] for one in sockets]
+    finally:
+        for one in sockets:
+            one.close()

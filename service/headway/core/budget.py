@@ -1,0 +1,101 @@
+"""From the false alarms that an operator accepts to a gate on a vehicle's log odds, learnt while driving.
+
+On clean readings a log likelihood ratio exceeds s with a probability that falls like exp(-s) (Wald's inequality), so
+its excursions above a low level have exponential peaks; only their rate and their mean size depend on the car, its
+sensors and how well the model fits. Peaks over a threshold (Pickands 1975, doi:10.1214/aos/1176343003):
+
+    alarms per hour at gate g = rate exp(-(g - level) / mean)        gate = level + mean ln(rate / budget)
+
+Real faults must not teach the gate. So nothing is learnt from an excursion that raised an alarm, nor within `hush_s`
+of one; and only peaks within `span` of the level count, whose mean m is that of an exponential cut there,
+
+    m = mean - span / (exp(span / mean) - 1)
+
+A prior worth `prior_peaks` excursions holds until the vehicle has shown its own.
+"""
+
+from math import exp, log
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+TAIL = np.dtype(
+    [
+        ("peaks", "f8"),  # excursions learnt, each with its peak within `span`
+        ("excess", "f8"),  # sum of those peaks above the level
+        ("exposure_s", "f8"),  # how long was listened
+        ("mean", "f8"),  # of the exponential; 0 in a fresh row: the prior's
+        ("high", "f8"),  # excess so far of the excursion under way; 0: none
+        ("hush_s", "f8"),  # how long still to wait after an alarm
+    ],
+    align=True,
+)
+
+
+class Budget(NamedTuple):
+    """What is accepted, and what a vehicle is taken for before it is known."""
+
+    alarms_per_hour: float
+    level: float
+    span: float
+    prior_mean: float
+    prior_rate_per_hour: float
+    prior_peaks: float
+    hush_s: float
+
+
+@njit(cache=True)
+def uncut_mean(cut_mean: float, span: float) -> float:
+    """Return the mean of an exponential whose mean below `span` is `cut_mean` (at most 0.45 span counts)."""
+    target = min(cut_mean, 0.45 * span)
+    mean = target
+    for _ in range(40):
+        mean = target + span / (exp(min(span / mean, 700.0)) - 1.0)
+    return mean
+
+
+@njit(cache=True)
+def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
+    """Return excursions per hour and the mean size of their peaks, prior included."""
+    mean = tail.mean if tail.mean > 0.0 else p.prior_mean
+    hours = p.prior_peaks / p.prior_rate_per_hour + tail.exposure_s / 3600.0
+    seen = 1.0 - exp(-p.span / p.prior_mean)
+    return (p.prior_peaks * seen + tail.peaks) / hours / (1.0 - exp(-p.span / mean)), mean
+
+
+@njit(cache=True)
+def gate(tail: Any, p: Budget) -> float:
+    """Return the log odds that clean readings of this vehicle exceed as often as the budget allows."""
+    rate, mean = rate_and_mean(tail, p)
+    return float(p.level + mean * max(log(rate / p.alarms_per_hour), 0.0))
+
+
+@njit(cache=True)
+def false_alarms_per_hour(tail: Any, log_odds: float, p: Budget) -> float:
+    """Return how often an hour of clean readings of this vehicle goes as high as `log_odds`."""
+    rate, mean = rate_and_mean(tail, p)
+    return float(rate * exp(-max(log_odds - p.level, 0.0) / mean))
+
+
+@njit(cache=True)
+def learn(tail: Any, log_odds: float, alarm: bool, dt_s: float, p: Budget) -> None:
+    """Take the next log odds, which stood for `dt_s`, and whether they raised an alarm."""
+    if alarm:
+        tail.hush_s = p.hush_s
+        tail.high = 0.0
+        return
+    if tail.hush_s > 0.0:
+        tail.hush_s -= dt_s
+        return
+    tail.exposure_s += dt_s
+    if log_odds > p.level:
+        tail.high = max(tail.high, log_odds - p.level)
+    elif tail.high > 0.0:
+        if tail.high < p.span:
+            tail.peaks += 1.0
+            tail.excess += tail.high
+            seen = 1.0 - exp(-p.span / p.prior_mean)
+            prior = p.prior_peaks * (p.prior_mean * seen - p.span * (1.0 - seen))
+            tail.mean = uncut_mean((prior + tail.excess) / (p.prior_peaks * seen + tail.peaks), p.span)
+        tail.high = 0.0

@@ -1,0 +1,198 @@
+"""The default model `headway`: what one vehicle's own readings say of each other, by ten weighed hypotheses.
+
+For each reading: `hypotheses` weighs who lies, `noise_levels` learns the sensors and the driver from readings taken
+for healthy, `budget` sets the gate on the log odds (somebody lies : nobody lies), `diagnose` names sensor and kind, and
+`relent` ends a suspicion that would not end.
+The estimate is the mean over the hypotheses: a sensor taken for a liar has no part in it, the other keeps correcting.
+
+The motion is x' = v at the same instant: a delay belongs to the driver's response to the car ahead, of which this model
+makes no use (the room `link` does).
+"""
+
+from math import exp, log, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from headway.core.budget import TAIL, Budget, false_alarms_per_hour, gate, learn
+from headway.core.config import DetectorConfig
+from headway.core.diagnose import name_lie
+from headway.core.hypotheses import COUNT, HEALTHY, SCRATCH, Hypotheses, begin_all, judge
+from headway.core.motion import LOCATION, SIZE, SPEED, VV, XX, V, X, blend
+from headway.core.noise_levels import LEVELS, Levels, begin_levels, interrupt, learn_levels
+from headway.core.relent import relent
+
+TRUSTED = 0.9
+"""Probability of HEALTHY above which a reading teaches noise levels."""
+HEADWAY = np.dtype(
+    [
+        ("count", "i8"),  # readings taken; 0: a row not begun
+        ("t_s", "f8"),
+        ("w", "f8", (COUNT,)),  # probabilities of the hypotheses
+        ("M", "f8", (COUNT, SIZE)),  # the hypotheses, each as in `motion`
+        ("levels", LEVELS),
+        ("tail", TAIL),
+        ("heard_s", "f8"),
+        ("relented_s", "f8"),  # event time at which a sensor was last believed again, or the row begun
+        ("wrong_s", "f8", (2,)),  # for how long location and speed have been suspected without a break
+        ("run", "i8", (2,)),  # anomalous readings in a row, as in `diagnose`
+    ],
+    align=True,
+)
+"""One vehicle."""
+
+
+class HeadwayParams(NamedTuple):
+    """All numbers of the model."""
+
+    hypotheses: Hypotheses
+    levels: Levels
+    budget: Budget
+    wrong_most_s: float
+    wrong_share: float
+    """A sensor suspected for longer, or for more than this share of the time heard, is believed again (`relent`)."""
+    max_gap_s: float
+    warming_readings: int
+
+
+def headway_params(config: DetectorConfig) -> HeadwayParams:
+    """Return the model's numbers; those of a sensor and a driver are only where the learning starts."""
+    return HeadwayParams(
+        hypotheses=Hypotheses(
+            faults_per_s=0.003,
+            fault_s=1.0,
+            manoeuvre=0.003,
+            manoeuvre_jerk=300.0,
+            standstill_mps=0.6,
+            standstill_jump_mps=0.4,
+            spread=0.3,
+            drift_start=0.1,
+            drift_slope=0.3,
+            offset_walk=0.005,
+            a_std_mps2=1.0,
+        ),
+        levels=Levels(
+            x_std_m=0.02,
+            v_std_mps=0.02,
+            jerk=0.3,
+            walk=1e-6,
+            std_least=0.003,
+            x_std_most_m=10.0,
+            v_std_most_mps=3.0,
+            jerk_least=0.001,
+            jerk_most=10.0,
+            walk_least=1e-10,
+            walk_most=10.0,
+            slowest=0.02,
+            settling=0.1,
+            sign_step=0.1,
+            scale_step=1e-4,
+            scale_most=0.1,
+            moving_mps=3.0,
+        ),
+        budget=Budget(
+            alarms_per_hour=config.alarm_budget_per_hour,
+            level=-6.0,
+            span=4.0,
+            prior_mean=1.0,
+            prior_rate_per_hour=400.0,
+            prior_peaks=100.0,
+            hush_s=1.0,
+        ),
+        wrong_most_s=2.5,
+        wrong_share=0.5,
+        max_gap_s=config.max_gap_s,
+        warming_readings=config.warming_readings,
+    )
+
+
+@njit(cache=True)
+def scratchpad() -> Any:
+    """Return the room that `step` works in."""
+    return np.empty(COUNT), np.empty((SCRATCH, SIZE)), np.empty(5), np.empty(2)
+
+
+@njit(cache=True)
+def start(row: Any, z: Any, p: HeadwayParams) -> None:
+    """Begin at a reading; sensors, driver and alarm tail that are known stay known."""
+    if row.levels.r[LOCATION] == 0.0:
+        begin_levels(row.levels, p.levels)
+    interrupt(row.levels)
+    begin_all(
+        row.M,
+        row.w,
+        z.x_m,
+        z.v_mps / (1.0 + row.levels.scale),
+        row.levels.r[LOCATION],
+        row.levels.r[SPEED],
+        p.hypotheses,
+    )
+    row.wrong_s[:] = 0.0
+    row.heard_s = 0.0
+    row.relented_s = z.t_s
+    row.run[:] = 0
+    row.count = 0
+
+
+@njit(cache=True)
+def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
+    """Judge one reading (READING) against one row (HEADWAY), in place, and write the VERDICT."""
+    prior, scratch, out, reading = room
+    reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps / (1.0 + row.levels.scale)
+    dt_s = z.t_s - row.t_s
+    row.t_s = z.t_s
+    if row.count == 0 or dt_s > p.max_gap_s:
+        verdict.restarted = row.count > 0
+        start(row, z, p)
+        dt_s = 0.0
+        out[0], out[1] = 0.0, 0.0
+        out[2], out[3], out[4] = row.levels.r[LOCATION], 0.0, row.levels.r[SPEED]
+    else:
+        judge(
+            row.M, row.w, dt_s, reading, row.levels.r, row.levels.q, row.levels.walk, p.hypotheses, prior, scratch, out
+        )
+    row.count += 1
+    statistic = log((1.0 - row.w[HEALTHY] if row.w[HEALTHY] < 0.5 else row.w[1:].sum()) / row.w[HEALTHY])
+    verdict.warming = row.count <= p.warming_readings
+    verdict.statistic = statistic
+    verdict.gate = gate(row.tail, p.budget)
+    verdict.anomalous = not verdict.warming and statistic > verdict.gate
+    verdict.p_value = min(1.0, false_alarms_per_hour(row.tail, statistic, p.budget) * dt_s / 3600.0)
+    if verdict.anomalous:
+        over = 1.0 - exp(-dt_s / p.hypotheses.fault_s)
+        verdict.sensor, verdict.kind, verdict.confidence = name_lie(row.w, row.run, over)
+    else:
+        row.run[:] = 0
+
+    mean = scratch[0]
+    blend(row.M, row.w, mean)
+    verdict.x_m, verdict.v_mps = mean[X], mean[V]
+    verdict.x_std_m, verdict.v_std_mps = sqrt(mean[XX]), sqrt(mean[VV])
+    verdict.nu[0], verdict.nu[1] = out[0], out[1]
+    verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = out[2], out[3], out[3], out[4]
+    nis = out[4] * out[0] ** 2 - 2.0 * out[3] * out[0] * out[1] + out[2] * out[1] ** 2
+    verdict.nis = nis / (out[2] * out[4] - out[3] ** 2)
+
+    if not verdict.warming:
+        learn(row.tail, statistic, verdict.anomalous, dt_s, p.budget)
+    if dt_s > 0.0 and row.w[HEALTHY] > TRUSTED:
+        learn_levels(row.levels, mean[V], out[0], out[1], out[2], out[4], p.levels)
+    else:
+        interrupt(row.levels)
+    if relent(row, reading, dt_s, p, scratch):
+        verdict.restarted = True
+
+
+@njit(cache=True)
+def step_row(row: Any, z: Any, p: HeadwayParams, verdict: Any) -> None:
+    """Judge one reading against one row."""
+    step(row, z, p, verdict, scratchpad())
+
+
+@njit(cache=True)
+def step_batch(bank: Any, rows: Any, readings: Any, p: HeadwayParams, verdicts: Any) -> None:
+    """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
+    room = scratchpad()
+    for i in range(rows.size):
+        step(bank[rows[i]], readings[i], p, verdicts[i], room)

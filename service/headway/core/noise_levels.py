@@ -1,0 +1,110 @@
+"""How noisy a vehicle's sensors are, how jerky its driver, how far its location and its speed go apart.
+
+All is learnt from the innovations of readings that are taken for healthy, one number each on a logarithm, in steps that
+are large at first. The share of innovations beyond a quartile tells whether a level is right, and an outlier weighs no
+more than any other reading (Robbins-Monro on a quantile). The sensor's noise and the motion's own (jerk for the speed,
+walk for the location) both widen an innovation; signs tell them apart: with too little of the motion's the filter lags
+and innovations keep their sign, with too much they alternate (Mehra 1970, doi:10.1109/TAC.1970.1099422). And locations
+that keep running ahead of the speed say that the speed is reported too small.
+"""
+
+from math import copysign, exp, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from headway.core.motion import LOCATION, SPEED
+
+QUARTILE = 1.1503493803760079
+"""A standard normal goes beyond it, to either side, in one case of four."""
+
+LEVELS = np.dtype(
+    [
+        ("r", "f8", (2,)),  # variance of location and speed readings
+        ("q", "f8"),  # density of the jerk, m^2/s^5
+        ("scale", "f8"),  # reported over true speed, less one
+        ("walk", "f8"),  # density of what location and speed differ by, m^2/s
+        ("learnt", "f8"),  # readings so far
+        ("nu", "f8", (2,)),  # innovations one reading ago; 0: none
+    ],
+    align=True,
+)
+
+
+class Levels(NamedTuple):
+    """Where the learning starts, how fast it is, and where it ends; std in m and m/s, densities as in LEVELS."""
+
+    x_std_m: float
+    v_std_mps: float
+    jerk: float
+    walk: float
+    std_least: float
+    x_std_most_m: float
+    v_std_most_mps: float
+    jerk_least: float
+    jerk_most: float
+    walk_least: float
+    walk_most: float
+    slowest: float
+    """Step on a logarithm per reading once all is settled;"""
+    settling: float
+    """before, it is 1 / (1 + settling * readings)."""
+    sign_step: float
+    scale_step: float
+    """Step of `scale`, as a share of the one on the logarithms."""
+    scale_most: float
+    moving_mps: float
+    """Only above this speed is `scale` learnt."""
+
+
+@njit(cache=True)
+def begin_levels(levels: Any, p: Levels) -> None:
+    """Forget what was learnt."""
+    levels.r[LOCATION], levels.r[SPEED] = p.x_std_m**2, p.v_std_mps**2
+    levels.q, levels.walk = p.jerk, p.walk
+    levels.scale = 0.0
+    levels.learnt = 0.0
+    interrupt(levels)
+
+
+@njit(cache=True)
+def interrupt(levels: Any) -> None:
+    """Say that the next innovation does not follow on the last one."""
+    levels.nu[LOCATION], levels.nu[SPEED] = 0.0, 0.0
+
+
+@njit(cache=True)
+def errors(levels: Any, sensor: int, nu: float, s: float, sign_step: float) -> tuple[float, float]:
+    """Return what an innovation says of both levels behind it together, and of the motion's against the sensor's."""
+    wide = (1.0 if abs(nu) > QUARTILE * sqrt(s) else 0.0) - 0.25
+    product = levels.nu[sensor] * nu
+    levels.nu[sensor] = nu
+    return wide, copysign(sign_step, product) if product != 0.0 else 0.0
+
+
+@njit(cache=True)
+def learn_levels(levels: Any, v_mps: float, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: Levels) -> None:
+    """Take the innovation of a reading that is taken for healthy, with its variances."""
+    step = max(p.slowest, 1.0 / (1.0 + p.settling * levels.learnt))
+    levels.learnt += 1.0
+    x_wide, x_lag = errors(levels, LOCATION, nu_x, s_xx, p.sign_step)
+    v_wide, v_lag = errors(levels, SPEED, nu_v, s_vv, p.sign_step)
+    levels.r[LOCATION] = bounded(levels.r[LOCATION] * exp(step * (x_wide - x_lag)), p.std_least**2, p.x_std_most_m**2)
+    levels.r[SPEED] = bounded(levels.r[SPEED] * exp(step * (v_wide - v_lag)), p.std_least**2, p.v_std_most_mps**2)
+    levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), p.jerk_least, p.jerk_most)
+    if v_mps > p.moving_mps:
+        rescale(levels, copysign(step * p.scale_step, nu_x), p)
+    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag)), p.walk_least, p.walk_most)
+
+
+@njit(cache=True)
+def rescale(levels: Any, ahead: float, p: Levels) -> None:
+    """Take locations to run ahead of the speed by the share `ahead`."""
+    levels.scale = bounded(levels.scale - ahead, -p.scale_most, p.scale_most)
+
+
+@njit(cache=True)
+def bounded(value: float, least: float, most: float) -> float:
+    """Return `value`, or the nearer of the two limits."""
+    return min(max(value, least), most)

@@ -1,0 +1,142 @@
+"""Who may see the page: the host name asked for, the token, and what a browser may do with the answer."""
+
+import hashlib
+import hmac
+import ipaddress
+import socket
+from collections.abc import Iterable
+from http.cookies import CookieError, SimpleCookie
+from pathlib import Path
+from typing import Final
+from urllib.parse import urlencode
+
+from starlette.datastructures import Headers, MutableHeaders, QueryParams
+from starlette.responses import PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from headway.dashboard.errors import DashboardError
+
+TOKEN_LENGTH_MIN: Final = 16
+COOKIE: Final = "headway_dashboard"
+_HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+
+
+def is_loopback(host: str) -> bool:
+    """Whether only this machine reaches what is bound to `host`."""
+    address = _address(host)
+    return host == "localhost" if address is None else address.is_loopback
+
+
+def read_token(file: Path) -> str:
+    """Read the token from the first line of a file.
+
+    Raises
+    ------
+    DashboardError
+        The file cannot be read, or its token is too short to keep anyone out.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DashboardError(f"token file {file}: {getattr(error, 'strerror', None) or error}") from None
+    token = lines[0].strip() if lines else ""
+    if len(token) < TOKEN_LENGTH_MIN or not token.isascii():
+        raise DashboardError(f"token file {file}: the first line needs at least {TOKEN_LENGTH_MIN} ASCII characters")
+    return token
+
+
+class Guard:
+    """ASGI middleware in front of everything.
+
+    The Host header must be a literal address, `localhost`, the bound host, this machine's name or one of `names`: a
+    foreign name that was made to resolve here is turned away. On a loopback address only loopback names hold.
+    """
+
+    def __init__(self, app: ASGIApp, *, host: str, token: str | None, names: Iterable[str] = ()) -> None:
+        self._app = app
+        self._token = None if token is None else token.encode()
+        self._cookie = "" if token is None else hmac.new(token.encode(), b"headway dashboard", "sha256").hexdigest()
+        self._loopback = is_loopback(host)
+        self._names = {"localhost", host.lower(), *(name.lower() for name in names)}
+        if not self._loopback:
+            self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer for the application where the request may not pass."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+
+        async def send_guarded(message: Message) -> None:
+            if message["type"] == "http.response.start":
+                MutableHeaders(scope=message).update(_HEADERS)
+            await send(message)
+
+        await (self._refusal(scope) or self._app)(scope, receive, send_guarded)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        headers, query = Headers(scope=scope), QueryParams(scope["query_string"])
+        if not self._is_known(headers.get("host", "")):
+            return PlainTextResponse("unknown host name: start the dashboard with --name for it\n", 421)
+        if scope["method"] not in {"GET", "HEAD"}:
+            return PlainTextResponse("only GET\n", 405, {"Allow": "GET, HEAD"})
+        if self._token is None:
+            return None
+        if self._is_token(query.get("token", "")):
+            return self._welcome(scope["path"], query)
+        scheme, _, credential = headers.get("authorization", "").partition(" ")
+        if (scheme.lower() == "bearer" and self._is_token(credential)) or self._is_welcome(headers.get("cookie", "")):
+            return None
+        hint = "token needed: open /?token=... once, or send it as `Authorization: Bearer ...`\n"
+        return PlainTextResponse(hint, 401, {"WWW-Authenticate": "Bearer"})
+
+    def _is_known(self, host_header: str) -> bool:
+        name = _without_port(host_header).lower()
+        address = _address(name)
+        if address is None:
+            return name in self._names
+        return address.is_loopback or not self._loopback
+
+    def _is_token(self, offered: str) -> bool:
+        assert self._token is not None
+        return hmac.compare_digest(_digest(offered.encode()), _digest(self._token))
+
+    def _is_welcome(self, cookie_header: str) -> bool:
+        try:
+            cookie = SimpleCookie(cookie_header).get(COOKIE)
+        except CookieError:
+            return False
+        return cookie is not None and hmac.compare_digest(cookie.value.encode(), self._cookie.encode())
+
+    def _welcome(self, path: str, query: QueryParams) -> Response:
+        """Turn the token in an address, where it would stay visible, into a cookie that scripts cannot read."""
+        rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
+        response = RedirectResponse("/" + path.lstrip("/") + ("?" + rest if rest else ""), 303)
+        response.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
+        return response
+
+
+def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:
+    try:
+        return ipaddress.ip_address(host.strip("[]"))
+    except ValueError:
+        return None
+
+
+def _without_port(host_header: str) -> str:
+    if host_header.startswith("["):
+        return host_header.partition("]")[0] + "]"
+    return host_header.partition(":")[0]
+
+
+def _digest(text: bytes) -> bytes:
+    """Return bytes of equal length, so that a comparison tells nothing of the length either."""
+    return hashlib.sha256(text).digest()

@@ -1,0 +1,99 @@
+"""`headway dashboard`: the page as a process of its own."""
+
+import asyncio
+import contextlib
+import socket
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final
+
+import uvicorn
+
+from headway.dashboard.app import create_app
+from headway.dashboard.errors import DashboardError
+from headway.dashboard.feed import BusFeed, Feed
+from headway.dashboard.guard import is_loopback, read_token
+from headway.dashboard.hub import Hub
+
+STALL_S: Final = 20.0
+
+
+def serve(
+    *,
+    connect: Sequence[str] = ("tcp/127.0.0.1:7447",),
+    sites: Sequence[str] = ("local",),
+    host: str = "127.0.0.1",
+    port: int = 8080,
+    token_file: Path | None = None,
+    names: Sequence[str] = (),
+    prefix: str = "v2x",
+    zenoh_config: Path | None = None,
+) -> None:
+    """Serve the page until SIGINT or SIGTERM; the bus may come and go meanwhile.
+
+    `names` are further host names under which browsers reach the page. Port 0 takes a free one.
+
+    Raises
+    ------
+    DashboardError
+        The address cannot be had, a token is missing where others than this machine reach it, or an option is unfit.
+    """
+    if token_file is None and not is_loopback(host):
+        raise DashboardError(f"{host} is reached from outside: name a file that holds a token with --token-file")
+    token = None if token_file is None else read_token(token_file)
+    feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)
+    with bind(host, port) as listener:
+        server = Server(feed, sites, host, token, names)
+        shown = f"[{host}]" if ":" in host else host
+        sys.stderr.write(f"headway dashboard: http://{shown}:{listener.getsockname()[1]}/ of {', '.join(sites)}\n")
+        try:
+            server.run(sockets=[listener])
+        except KeyboardInterrupt:
+            sys.stderr.write("\n")
+
+
+class Server(uvicorn.Server):
+    """Runs the hub for as long as the page is served."""
+
+    def __init__(self, feed: Feed, sites: Sequence[str], host: str, token: str | None, names: Sequence[str]) -> None:
+        self.hub = Hub(feed, sites)
+        app = create_app(self.hub, host=host, token=token, names=names)
+        # The access log would keep the token of a first visit, and a proxy's headers are nobody's word here.
+        config = uvicorn.Config(
+            app,
+            access_log=False,
+            log_level="warning",
+            ws="none",
+            proxy_headers=False,
+            server_header=False,
+            timeout_graceful_shutdown=2,
+        )
+        super().__init__(config)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start, the hub with it: when that ends by itself, it failed, and so does the server."""
+        await super().startup(sockets)
+        self._running = asyncio.create_task(self.hub.run())
+        self._running.add_done_callback(lambda _: setattr(self, "should_exit", True))
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """Stop, the viewers first: their connections end only when they are let go."""
+        self.hub.close()
+        await super().shutdown(sockets)
+        self._running.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await self._running
+
+
+def bind(host: str, port: int, stall_s: float = STALL_S) -> socket.socket:
+    """Listen; a browser that takes nothing for `stall_s` is dropped by the kernel, with all that waits for it."""
+    try:
+        family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listener = socket.create_server(address, family=family)
+    except (OSError, OverflowError) as error:
+        problem = getattr(error, "strerror", None) or error
+        raise DashboardError(f"cannot listen on {host} port {port}: {problem}") from None
+    if sys.platform == "linux":
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1_000 * stall_s))
+    return listener

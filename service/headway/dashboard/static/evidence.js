@@ -1,0 +1,167 @@
+// What the detector saw around an event, what it expected and what it believes instead.
+
+import { $, el, number, setText, stamp } from "./dom.js";
+import { SENSORS } from "./store.js";
+import { plot } from "./plot.js";
+
+const REFRESH_MS = 1000;
+
+export class EvidencePanel {
+  #store; #event = null; #askedMs = 0; #shown = "";
+
+  constructor(store) {
+    this.#store = store;
+  }
+
+  get chosen() {
+    return this.#event;
+  }
+
+  choose(id) {
+    if (this.#event === id) return;
+    this.#event = id;
+    this.#askedMs = 0;
+    this.#shown = "";
+  }
+
+  /** Asks for the event again while statements come in, once a second at most. */
+  async refresh(nowMs) {
+    const event = this.#store.events.get(this.#event);
+    const newest = event && `${event.id} ${event.statements.length}`;
+    if (!event || newest === this.#shown || nowMs - this.#askedMs < REFRESH_MS) return;
+    this.#askedMs = nowMs;
+    const answer = await fetch(`/event/${encodeURIComponent(event.id)}`).catch(() => null);
+    if (!answer?.ok || event.id !== this.#event) return;
+    this.#shown = newest;
+    this.#show(await answer.json(), this.#store.pairs.get(`${event.site}/${event.last.suspect}`));
+  }
+
+  #show(statements, pair) {
+    const judged = statements.findLast((s) => s.phase !== "cleared") ?? statements.at(-1);
+    const zero_s = statements[0].t_us / 1e6;
+    const readings = readingsOf(statements);
+    setText($("evidence-of"), `${judged.suspect} · ${judged.site} · ${stamp(statements[0].detected_us)}`);
+    setText($("verdict"), verdict(judged, statements));
+    $("plots").replaceChildren(
+      plot({ title: "Speed", unit: "m/s", series: speedSeries(readings, statements, zero_s) }),
+      plot(placeSeries(readings, statements, zero_s)),
+      plot({ title: "Statistic", unit: "", log: true, series: statisticSeries(statements, pair, zero_s) }),
+    );
+    $("facts").replaceChildren(...Object.entries(facts(judged, statements)).map(([name, value]) =>
+      el("div", {}, el("dt", {}, name), el("dd", {}, value))));
+  }
+}
+
+/** Readings of all statements, each once, oldest first, as objects. */
+export function readingsOf(statements) {
+  const byTime = new Map();
+  for (const { evidence } of statements) {
+    for (const row of evidence?.readings ?? []) {
+      const reading = Object.fromEntries(evidence.columns.map((column, i) => [column, row[i]]));
+      byTime.set(reading.t_s, reading);
+    }
+  }
+  return [...byTime.values()].sort((a, b) => a.t_s - b.t_s);
+}
+
+/** The reading that a statement is about: the newest of its evidence. */
+function judgedReading(statement) {
+  return readingsOf([statement]).at(-1);
+}
+
+const known = (points) => points.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y) && x !== null && y !== null);
+
+export function speedSeries(readings, statements, zero_s) {
+  const at = (reading) => reading.t_s - zero_s;
+  const read = known(readings.map((r) => [at(r), r.v_mps]));
+  const leader = known(readings.filter((r) => r.leader_v_mps !== null).map((r) => [r.leader_t_s - zero_s, r.leader_v_mps]));
+  const predicted = statements.flatMap((s) => {
+    const reading = judgedReading(s);
+    return reading && s.innovation ? [[at(reading), reading.v_mps - s.innovation.v_mps]] : [];
+  });
+  const recovered = statements.filter((s) => s.recovered?.v_mps != null)
+    .map((s) => [s.t_us / 1e6 - zero_s, s.recovered.v_mps, s.recovered.v_std_mps ?? 0]);
+  return [
+    { name: "leader", look: "leader", draw: "lines", points: leader },
+    { name: "reading", look: "reading", draw: "dots", points: read },
+    { name: "prediction", look: "prediction", draw: "marks", points: known(predicted) },
+    { name: "recovered", look: "recovered", draw: "marks", points: known(recovered) },
+  ];
+}
+
+/** Bumper to bumper behind a leader; on a free road, how far from where steady driving would be. */
+export function placeSeries(readings, statements, zero_s) {
+  const behind = readings.some((r) => r.leader_x_m !== null);
+  const place = behind ? gapOf : steadyOf(readings[0]);
+  const point = (reading, x_m, sigma) => [reading.t_s - zero_s, place(reading, x_m), sigma];
+  const predicted = [], recovered = [];
+  for (const statement of statements) {
+    const reading = judgedReading(statement);
+    if (!reading) continue;
+    if (statement.innovation?.x_m != null) predicted.push(point(reading, reading.x_m - statement.innovation.x_m));
+    if (statement.recovered?.x_m != null) {
+      recovered.push(point(reading, statement.recovered.x_m, statement.recovered.x_std_m ?? 0));
+    }
+  }
+  const ranges = readings.filter((r) => r.range_m !== null).map((r) => [r.t_s - zero_s, r.range_m]);
+  return {
+    title: behind ? "Gap to the leader" : "Location less steady driving",
+    unit: "m",
+    series: [
+      { name: "forward sensor", look: "range", draw: "lines", points: behind ? known(ranges) : [] },
+      { name: "reading", look: "reading", draw: "dots", points: known(readings.map((r) => point(r, r.x_m))) },
+      { name: "prediction", look: "prediction", draw: "marks", points: known(predicted) },
+      { name: "recovered", look: "recovered", draw: "marks", points: known(recovered) },
+    ],
+  };
+}
+
+function gapOf(reading, x_m) {
+  if (reading.leader_x_m === null) return NaN;
+  const leader_x_m = reading.leader_x_m + (reading.leader_v_mps ?? 0) * (reading.t_s - reading.leader_t_s);
+  return leader_x_m - (reading.leader_length_m ?? 0) - x_m;
+}
+
+const steadyOf = (first) => (reading, x_m) => x_m - first.x_m - first.v_mps * (reading.t_s - first.t_s);
+
+export function statisticSeries(statements, pair, zero_s) {
+  const judged = statements.filter((s) => s.statistic !== null);
+  const end_s = (statements.at(-1).t_us / 1e6) - zero_s;
+  const around = (pair?.trace ?? []).map(([t_us, statistic]) => [t_us / 1e6 - zero_s, statistic])
+    .filter(([t]) => t > -15 && t < end_s + 15);
+  const gate = judged.findLast((s) => s.gate !== null)?.gate;
+  return [
+    { name: "gate", look: "gate", draw: "level", points: gate == null ? [] : [[0, gate]] },
+    { name: "pair state", look: "leader", draw: "lines", points: known(around) },
+    { name: "statistic", look: "statistic", draw: "marks", points: judged.map((s) => [s.t_us / 1e6 - zero_s, s.statistic]) },
+  ];
+}
+
+function verdict(judged, statements) {
+  const behind = judged.leader ? ` behind ${judged.leader}` : ", on a free road";
+  const off = judged.innovation && [
+    judged.sensor !== "speed" && judged.innovation.x_m !== null && `${number(Math.abs(judged.innovation.x_m))} m`,
+    judged.sensor !== "location" && judged.innovation.v_mps !== null && `${number(Math.abs(judged.innovation.v_mps))} m/s`,
+  ].filter(Boolean).join(" and ");
+  const from = off ? `, ${off} from what was predicted` : "";
+  const over = judged.statistic !== null && judged.gate !== null
+    ? `: statistic ${number(judged.statistic)} over a gate of ${number(judged.gate)}` : "";
+  const lasted = (statements.at(-1).detected_us - statements[0].detected_us) / 1e6;
+  const end = statements.at(-1).phase === "cleared" ? ` Cleared after ${number(lasted)} s.` : "";
+  const kind = judged.kind[0].toUpperCase() + judged.kind.slice(1);
+  return `${kind} in ${SENSORS[judged.sensor]} of ${judged.suspect}${behind}${from}${over}.${end}`;
+}
+
+function facts(judged, statements) {
+  const latency = Object.entries(judged.latency_us).map(([stage, us]) => `${stage} ${number(us / 1000)}`).join(", ");
+  return {
+    "p-value": number(judged.p_value),
+    confidence: judged.confidence === null ? "–" : `${Math.round(judged.confidence * 100)} %`,
+    nis: number(judged.nis),
+    "latency, ms": latency || "–",
+    model: judged.model,
+    configuration: judged.config_hash,
+    statements: String(statements.length),
+    event: judged.event_id,
+  };
+}

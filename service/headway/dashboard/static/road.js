@@ -1,0 +1,298 @@
+// The road: every vehicle where it says it is, coloured by how its newest reading was judged.
+
+import { el, number, setText, svg } from "./dom.js";
+import { STANDINGS } from "./store.js";
+import { Plane, View } from "./view.js";
+
+const EASE_S = 0.18;
+const COAST_S = 1.5;
+const LABELS_MOST = 24;
+const PICK_PX = 14;
+const still = matchMedia("(prefers-reduced-motion: reduce)");
+
+export class Road {
+  #canvas; #pen; #store; #tip; #colours = {};
+  #view = new View();
+  #plane = null;
+  #following = true;
+  #drawnMs = 0;
+  #fittedMs = 0;
+  #pointer = null;
+  #filter = {};
+
+  /** `choose` is called with the vehicle that was clicked. */
+  constructor(canvas, tip, store, choose) {
+    this.#canvas = canvas;
+    this.#pen = canvas.getContext("2d");
+    this.#tip = tip;
+    this.#store = store;
+    new ResizeObserver(() => this.#resize()).observe(canvas);
+    this.#listen(choose);
+    this.recolour();
+    requestAnimationFrame((ms) => this.#frame(ms));
+  }
+
+  recolour() {
+    const style = getComputedStyle(document.documentElement);
+    for (const name of ["normal", "warming", "anomalous", "silent", "text", "dim", "line", "ground"]) {
+      this.#colours[name] = style.getPropertyValue(`--${name}`).trim();
+    }
+  }
+
+  fit() {
+    this.#following = true;
+    this.#fittedMs = 0;
+  }
+
+  filter(filter) {
+    if (filter.site !== this.#filter.site) this.fit();
+    this.#filter = filter;
+  }
+
+  /** New states came: where each vehicle is heading for, from now on. */
+  heard(nowMs) {
+    for (const pair of this.#store.pairs.values()) {
+      if (pair.placed_us === pair.t_us || pair.lat === null || pair.lon === null) continue;
+      this.#plane ??= new Plane(pair.lat, pair.lon);
+      [pair.east, pair.north] = this.#plane.at(pair.lat, pair.lon);
+      pair.placed_us = pair.t_us;
+      pair.placed_ms = nowMs;
+      pair.shown_e ??= pair.east;
+      pair.shown_n ??= pair.north;
+    }
+  }
+
+  #shown() {
+    const { site } = this.#filter;
+    return [...this.#store.pairs.values()].filter((pair) => pair.shown_e !== undefined && (!site || pair.site === site));
+  }
+
+  #frame(ms) {
+    requestAnimationFrame((next) => this.#frame(next));
+    const elapsed_s = Math.min((ms - this.#drawnMs) / 1000, 0.2);
+    this.#drawnMs = ms;
+    const pairs = this.#shown();
+    for (const pair of pairs) move(pair, ms, elapsed_s);
+    if (this.#following && ms - this.#fittedMs > 1000) {
+      this.#view.fit(pairs.map((pair) => [pair.shown_e, pair.shown_n]));
+      this.#fittedMs = ms;
+    }
+    this.#draw(pairs);
+    this.#point(pairs);
+  }
+
+  #draw(pairs) {
+    const pen = this.#pen, view = this.#view, colours = this.#colours;
+    pen.clearRect(0, 0, view.width, view.height);
+    if (pairs.length === 0) return;
+    const groups = Object.fromEntries(STANDINGS.map((standing) => [standing, []]));
+    for (const pair of pairs) {
+      [pair.px, pair.py, pair.row] = view.at(pair.shown_e, pair.shown_n);
+      groups[pair.standing].push(pair);
+    }
+    this.#rows();
+    this.#links(pairs.filter((pair) => pair.standing !== "anomalous"), colours.line, 1.5);
+    this.#links(groups.anomalous, colours.anomalous, 2);
+    const size = Math.min(Math.max(view.scale * 3, 3.5), 9);
+    for (const standing of STANDINGS) {
+      pen.beginPath();
+      for (const pair of groups[standing]) arrow(pen, pair, view.angle, standing === "anomalous" ? size + 2 : size);
+      pen.fillStyle = pen.strokeStyle = colours[standing];
+      pen.lineWidth = 1.5;
+      if (standing === "silent") pen.stroke();
+      else pen.fill();
+    }
+    pen.beginPath();
+    for (const pair of groups.anomalous) ring(pen, pair, size + 7);
+    pen.strokeStyle = colours.anomalous;
+    pen.stroke();
+    this.#labels(pairs, groups.anomalous);
+    this.#scaleBar();
+    this.#compass();
+  }
+
+  #rows() {
+    const pen = this.#pen, { rows, width, height } = this.#view;
+    pen.strokeStyle = this.#colours.line;
+    pen.lineWidth = 1;
+    pen.beginPath();
+    for (let row = 1; row < rows; row++) {
+      pen.moveTo(0, (row * height) / rows);
+      pen.lineTo(width, (row * height) / rows);
+    }
+    pen.stroke();
+  }
+
+  #links(followers, colour, width) {
+    const pen = this.#pen;
+    pen.beginPath();
+    for (const pair of followers) {
+      const leader = pair.leader && this.#store.pairs.get(`${pair.site}/${pair.leader}`);
+      if (leader?.px === undefined || leader.row !== pair.row) continue;
+      pen.moveTo(pair.px, pair.py);
+      pen.lineTo(leader.px, leader.py);
+    }
+    pen.strokeStyle = colour;
+    pen.lineWidth = width;
+    pen.stroke();
+  }
+
+  #labels(pairs, anomalous) {
+    const pen = this.#pen, { vehicle } = this.#filter;
+    const named = vehicle ? pairs.filter((pair) => pair.follower.includes(vehicle)) : anomalous;
+    pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
+    pen.textAlign = "center";
+    pen.lineWidth = 3;
+    pen.strokeStyle = this.#colours.ground;
+    pen.fillStyle = this.#colours.text;
+    const taken = [];
+    for (const pair of named) {
+      if (taken.length >= LABELS_MOST) break;
+      if (taken.some(([x, y]) => Math.abs(x - pair.px) < 70 && Math.abs(y - pair.py) < 14)) continue;
+      taken.push([pair.px, pair.py]);
+      const above = pair.py > 32 ? -19 : 27;
+      pen.strokeText(pair.follower, pair.px, pair.py + above);
+      pen.fillText(pair.follower, pair.px, pair.py + above);
+    }
+  }
+
+  #scaleBar() {
+    const pen = this.#pen, view = this.#view;
+    const metres = niceBelow(110 / view.scale), length = metres * view.scale, y = view.height - 14;
+    pen.strokeStyle = pen.fillStyle = this.#colours.dim;
+    pen.lineWidth = 1;
+    pen.beginPath();
+    pen.moveTo(14, y - 4);
+    pen.lineTo(14, y);
+    pen.lineTo(14 + length, y);
+    pen.lineTo(14 + length, y - 4);
+    pen.stroke();
+    pen.textAlign = "left";
+    pen.fillText(metres >= 1000 ? `${metres / 1000} km` : `${metres} m`, 18, y - 5);
+  }
+
+  #compass() {
+    const pen = this.#pen, view = this.#view, x = view.width - 24, y = 26;
+    const dx = Math.sin(view.angle), dy = -Math.cos(view.angle);
+    pen.beginPath();
+    pen.moveTo(x - dx * 9, y - dy * 9);
+    pen.lineTo(x + dx * 9, y + dy * 9);
+    pen.stroke();
+    pen.textAlign = "center";
+    pen.fillText("N", x + dx * 16, y + dy * 16 + 4);
+  }
+
+  #point(pairs) {
+    const near = this.#pointer && nearest(pairs, this.#pointer);
+    this.#tip.hidden = !near;
+    if (!near) return;
+    setText(this.#tip, describe(near));
+    const left = Math.min(near.px + 14, this.#view.width - this.#tip.offsetWidth - 4);
+    const top = Math.min(near.py + 14, this.#view.height - this.#tip.offsetHeight - 4);
+    this.#tip.style.transform = `translate(${left}px, ${top}px)`;
+  }
+
+  #resize() {
+    const { clientWidth: width, clientHeight: height } = this.#canvas;
+    this.#canvas.width = width * devicePixelRatio;
+    this.#canvas.height = height * devicePixelRatio;
+    this.#pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    Object.assign(this.#view, { width, height });
+    this.#fittedMs = 0;
+  }
+
+  #listen(choose) {
+    const canvas = this.#canvas;
+    let pressed = null;
+    const free = (act) => { this.#following = false; act(); };
+    canvas.addEventListener("pointerdown", (event) => {
+      pressed = { x: event.offsetX, y: event.offsetY };
+      canvas.setPointerCapture(event.pointerId);
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      this.#pointer = { x: event.offsetX, y: event.offsetY };
+      if (pressed && event.buttons) free(() => this.#view.pan(event.movementX, event.movementY));
+    });
+    canvas.addEventListener("pointerup", (event) => {
+      const moved = pressed && Math.hypot(event.offsetX - pressed.x, event.offsetY - pressed.y) > 4;
+      const near = !moved && nearest(this.#shown(), { x: event.offsetX, y: event.offsetY });
+      pressed = null;
+      if (near) choose(near);
+    });
+    canvas.addEventListener("pointerleave", () => { this.#pointer = null; });
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      free(() => this.#view.zoom(Math.exp(-event.deltaY / 400), event.offsetX, event.offsetY));
+    }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const { width, height } = this.#view;
+      const act = {
+        ArrowLeft: () => this.#view.pan(60, 0), ArrowRight: () => this.#view.pan(-60, 0),
+        ArrowUp: () => this.#view.pan(0, 60), ArrowDown: () => this.#view.pan(0, -60),
+        "+": () => this.#view.zoom(1.4, width / 2, height / 2), "-": () => this.#view.zoom(1 / 1.4, width / 2, height / 2),
+      }[event.key];
+      if (!act) return;
+      event.preventDefault();
+      free(act);
+    });
+  }
+}
+
+export function legend(list) {
+  const counts = {};
+  for (const standing of STANDINGS) {
+    counts[standing] = el("span", {}, "0");
+    const shape = svg("path", { d: "M6 1l4 10-4-2.5-4 2.5z" });
+    const hollow = standing === "silent";
+    shape.setAttribute(hollow ? "stroke" : "fill", `var(--${standing})`);
+    shape.setAttribute(hollow ? "fill" : "stroke", "none");
+    list.append(el("li", {}, svg("svg", { viewBox: "0 0 12 12", "aria-hidden": "true" }, shape), `${standing} `, counts[standing]));
+  }
+  return (tally) => STANDINGS.forEach((standing) => setText(counts[standing], String(tally[standing] ?? 0)));
+}
+
+/** Between two states a vehicle coasts on as it went, and the picture follows without a jump. */
+function move(pair, ms, elapsed_s) {
+  const age_s = Math.min((ms - pair.placed_ms) / 1000, COAST_S);
+  const coast_m = pair.heading_deg === null || pair.standing === "silent" ? 0 : (pair.v_mps ?? 0) * Math.max(age_s, 0);
+  const heading = (pair.heading_deg ?? 0) * Math.PI / 180;
+  const east = pair.east + coast_m * Math.sin(heading), north = pair.north + coast_m * Math.cos(heading);
+  const share = still.matches ? 1 : 1 - Math.exp(-elapsed_s / EASE_S);
+  pair.shown_e += (east - pair.shown_e) * share;
+  pair.shown_n += (north - pair.shown_n) * share;
+}
+
+function arrow(pen, pair, angle, size) {
+  const turn = (pair.heading_deg ?? 0) * Math.PI / 180 + angle;
+  const dx = Math.sin(turn) * size, dy = -Math.cos(turn) * size;
+  pen.moveTo(pair.px + dx, pair.py + dy);
+  pen.lineTo(pair.px - dx - dy * 0.7, pair.py - dy + dx * 0.7);
+  pen.lineTo(pair.px - dx * 0.5, pair.py - dy * 0.5);
+  pen.lineTo(pair.px - dx + dy * 0.7, pair.py - dy - dx * 0.7);
+  pen.lineTo(pair.px + dx, pair.py + dy);
+}
+
+function ring(pen, pair, radius) {
+  pen.moveTo(pair.px + radius, pair.py);
+  pen.arc(pair.px, pair.py, radius, 0, 2 * Math.PI);
+}
+
+function nearest(pairs, { x, y }) {
+  let best = null, least = PICK_PX;
+  for (const pair of pairs) {
+    const distance = Math.hypot(pair.px - x, pair.py - y);
+    if (distance < least) [best, least] = [pair, distance];
+  }
+  return best;
+}
+
+function describe(pair) {
+  const behind = pair.leader ? `\n${number(pair.gap_m)} m behind ${pair.leader}` : "\nfree road";
+  return `${pair.follower}  ${pair.standing}\n${number(pair.v_mps)} m/s${behind}\n` +
+    `statistic ${number(pair.statistic)} of ${number(pair.gate)}`;
+}
+
+export function niceBelow(value) {
+  const power = 10 ** Math.floor(Math.log10(value));
+  return power * [5, 2, 1].find((step) => step * power <= value);
+}

@@ -1,0 +1,62 @@
+import pytest
+from pageclient import PageClient
+from standin import START_US, FakeFeed, event
+
+from headway.dashboard.app import EVIDENCE_FIRST, EVIDENCE_LAST, VIEWER_LIMIT, create_app
+from headway.dashboard.hub import Hub
+from headway_schemas import Kind, Phase
+
+JOURNAL = [
+    *(event(n, t_us=START_US + n) for n in range(5)),
+    event(7, kind=Kind.DRIFT, t_us=START_US + 7, site="north"),
+    *(event(9, Phase.UPDATE if n else Phase.ONSET, t_us=START_US + 10**6 * n) for n in range(1, 30)),
+]
+
+
+@pytest.fixture
+def client() -> PageClient:
+    return PageClient(create_app(Hub(FakeFeed(JOURNAL), ["local", "north"])))
+
+
+def test_the_page_and_its_parts_come_from_here(client: PageClient) -> None:
+    page = client.get("/")
+    assert page.headers["content-type"].startswith("text/html")
+    assert "http:" not in page.text
+    assert "https:" not in page.text
+    assert client.get("/static/main.js").headers["content-type"].startswith("text/javascript")
+    assert client.get("/static/../app.py").status_code == 404
+
+
+def test_history_by_site_and_kind(client: PageClient) -> None:
+    everywhere = client.get("/history", params={"kind": "drift"}).json()
+    assert [s["event_id"] for s in everywhere["statements"]] == ["veh-0007-7"]
+    assert everywhere["answers"] == 2
+    assert client.get("/history", params={"kind": "drift", "site": "local"}).json()["statements"] == []
+
+
+@pytest.mark.parametrize(
+    "asked", ["kind=none", "limit=0", "limit=1001", "vehicle=a%2Fb", "colour=red", "site=elsewhere"]
+)
+def test_a_question_that_makes_no_sense_is_named(client: PageClient, asked: str) -> None:
+    answer = client.get(f"/history?{asked}")
+    assert answer.status_code == 400
+    assert answer.text.startswith(asked.partition("=")[0])
+
+
+def test_an_event_with_its_evidence_and_without_what_only_a_replay_needs(client: PageClient) -> None:
+    (statement,) = client.get("/event/veh-0001-1").json()
+    assert set(statement["evidence"]) == {"columns", "readings"}
+    assert client.get("/event/none").status_code == 404
+    assert client.get("/event/%2A").status_code == 404
+
+
+def test_a_long_event_carries_the_evidence_of_its_ends(client: PageClient) -> None:
+    statements = client.get("/event/veh-0009-9").json()
+    carried = ["evidence" in statement for statement in statements]
+    assert carried == [True] * EVIDENCE_FIRST + [False] * (29 - EVIDENCE_FIRST - EVIDENCE_LAST) + [True] * EVIDENCE_LAST
+
+
+def test_viewers_are_limited() -> None:
+    hub = Hub(FakeFeed(), ["local"])
+    hub.viewers = VIEWER_LIMIT
+    assert PageClient(create_app(hub)).get("/stream").status_code == 503

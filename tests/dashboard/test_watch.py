@@ -1,0 +1,87 @@
+import io
+import json
+import threading
+
+import pytest
+from rich.console import Console
+from standin import START_US, FakeFeed, Traffic, event, health
+
+from headway.dashboard.feed import Link
+from headway.dashboard.watch import Watcher, json_lines, plain_lines, screen, watch
+from headway_schemas import Phase
+
+
+def watcher(feed: FakeFeed, since_us: int = 0) -> Watcher:
+    return Watcher(feed, ["local"], since_us)
+
+
+def test_lines_say_what_is_new_once() -> None:
+    feed = FakeFeed([])
+    watching = watcher(feed)
+    feed.hear(event(1), health(3.0, START_US))
+    alert, report = plain_lines(watching.turn())
+    assert alert.endswith("local onset bias speed veh-0001 behind veh-0002, statistic 66.89 gate 13.8")
+    assert "health rsu-1 ready, 100 vehicles" in report
+    assert "lost transport 2" in report
+    assert list(plain_lines(watching.turn())) == []
+
+
+def test_json_lines_say_their_type() -> None:
+    feed = FakeFeed([])
+    watching = watcher(feed)
+    feed.hear(event(1), health(3.0, START_US))
+    rows = [json.loads(line) for line in json_lines(watching.turn())]
+    assert [row["type"] for row in rows] == ["statement", "health"]
+    assert rows[0]["event_id"] == "veh-0001-1"
+
+
+def test_history_is_asked_for_once_a_link() -> None:
+    feed = FakeFeed([event(1)])
+    watching = watcher(feed)
+    assert len(watching.turn()["statements"]) == 1
+    watching.turn()
+    assert len(feed.asked) == 1
+    feed.link = Link(connected=True, connections=2, dropped=0, unreadable=0)
+    assert watching.turn()["statements"] == []
+    assert len(feed.asked) == 2
+
+
+def test_history_from_the_start_on_where_only_news_is_wanted() -> None:
+    feed = FakeFeed([event(1), event(2, t_us=START_US + 10)])
+    assert [s["event_id"] for s in watcher(feed, START_US + 2_305).turn()["statements"]] == ["veh-0002-2"]
+
+
+def shown(watching: Watcher, height: int) -> str:
+    console = Console(file=io.StringIO(), width=140, height=height, record=True)
+    console.print(screen(watching.board, watching.feed.link, watching.revision, height))
+    return console.export_text()
+
+
+def test_the_screen_puts_what_is_urgent_first_and_fits() -> None:
+    feed = FakeFeed([event(1), event(2, Phase.CLEARED, t_us=START_US + 9)])
+    watching = watcher(feed)
+    feed.hear(*Traffic(200, anomalous={150}).states(0.0, START_US), health(3.0, START_US))
+    watching.turn()
+    text = shown(watching, 40)
+    lines = text.splitlines()
+    assert len(lines) <= 40
+    vehicles = [line for line in lines if " behind" not in line and line.startswith("veh-")]
+    assert vehicles[0].startswith("veh-0150")
+    assert "silent" in vehicles[1]
+    assert "more" in text
+    assert "out_of_range 44" in text
+
+
+def test_the_screen_of_nothing() -> None:
+    feed = FakeFeed()
+    feed.link = Link(connected=False, connections=0, dropped=3, unreadable=0)
+    text = shown(watcher(feed), 24)
+    assert "no contact with the bus" in text
+    assert "3 not shown" in text
+
+
+def test_watching_needs_no_bus_and_ends_when_told(capsys: pytest.CaptureFixture[str]) -> None:
+    ended = threading.Event()
+    ended.set()
+    watch(connect=["tcp/127.0.0.1:1"], stop=ended)
+    assert capsys.readouterr().out == ""

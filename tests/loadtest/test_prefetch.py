@@ -1,0 +1,52 @@
+import threading
+import time
+
+import pytest
+
+from headway_loadtest.prefetch import prefetch
+
+
+def threads():
+    return [thread for thread in threading.enumerate() if thread.name == "prefetch"]
+
+
+def test_items_come_in_order_and_end():
+    assert list(prefetch(range(100), 3)) == list(range(100))
+    assert list(prefetch([], 3)) == []
+
+
+def test_no_more_than_the_depth_is_read_ahead():
+    read = []
+
+    def items():
+        for i in range(1000):
+            read.append(i)
+            yield i
+
+    ahead = prefetch(items(), 5)
+    assert next(ahead) == 0
+    ahead.close()
+    assert len(read) <= 1 + 5 + 1
+
+
+def test_an_error_comes_after_what_was_read_before_it():
+    def items():
+        yield 1
+        raise ValueError("row 2")
+
+    ahead = prefetch(items(), 5)
+    assert next(ahead) == 1
+    with pytest.raises(ValueError, match="row 2"):
+        next(ahead)
+
+
+def test_the_thread_ends_when_nobody_reads_on():
+    before = len(threads())
+    ahead = prefetch(iter(int, 1), 2)
+    next(ahead)
+    assert len(threads()) == before + 1
+    ahead.close()
+    deadline = time.monotonic() + 5.0
+    while len(threads()) > before and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert len(threads()) == before
