@@ -21,11 +21,15 @@ demo: venv  ## service and replay in one go, no router needed
 test: venv  ## the whole suite
 	$(BIN)/python -m pytest -m 'not bench and not browser'
 
-check: venv  ## lint, format, types, import contracts
+check: venv  ## lint, format, types, import contracts, deployment (Debian: apt-get install prometheus)
+	@command -v promtool >/dev/null || { echo 'make check needs promtool: apt-get install prometheus'; exit 1; }
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	promtool check config deploy/prometheus/prometheus.yml
+	promtool test rules deploy/prometheus/headway.rules.test.yml
+	$(BIN)/python -m pytest tests/deploy
 
 bench: venv  ## timing, side by side (pytest-benchmark)
 	$(BIN)/python -m pytest tests/bench -m bench --benchmark-only

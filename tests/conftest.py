@@ -13,3 +13,10 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip(f"real drives not found at {folder}; set HEADWAY_TEST_DATA")
     return folder
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _state_of_nobody(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """No test, nor any service that it starts, reads or writes what the user's own service keeps."""
+    os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
+    os.environ.pop("STATE_DIRECTORY", None)

@@ -7,6 +7,9 @@ from pydantic import Field
 
 from headway_schemas.fields import Blob, Id, Message, Number, Share, TUs
 
+EventId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.~-]{1,128}$")]
+"""Longer than an identifier, since it may be made of one."""
+
 
 class Phase(StrEnum):
     """Where an event is in its life: the same `event_id` runs through all three."""
@@ -87,18 +90,18 @@ class Evidence(Message):
 
     columns: Annotated[tuple[str, ...], Field(strict=False)]
     readings: Annotated[tuple[Annotated[tuple[Number, ...], Field(strict=False)], ...], Field(strict=False)]
-    """One row per reading, oldest first, values in the order of `columns`."""
+    """One row per reading, oldest first, the judged one last; values in the order of `columns`."""
     checkpoint: Blob | None = None
     """The pair's row of the bank before the first of the readings."""
     parameters: Annotated[dict[str, Number | str], Field(default_factory=dict)]
-    """Parameters of the model and the gate."""
+    """All that the verdict depends on beside the readings: the detector's settings, `version`, and `core`, a digest of
+    the sources that judge."""
 
 
 class Event(Message):
     """One step in the life of an anomaly."""
 
-    event_id: Annotated[str, Field(pattern=r"^[A-Za-z0-9_.~-]{1,128}$")]
-    """Longer than an identifier, since it may be made of one."""
+    event_id: EventId
     phase: Phase
     kind: Kind
     sensor: Sensor

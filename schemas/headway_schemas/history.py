@@ -10,7 +10,7 @@ from typing import Annotated, Final, Self
 
 from pydantic import Field, TypeAdapter
 
-from headway_schemas.event import Event, Kind, Phase
+from headway_schemas.event import Event, EventId, Kind, Phase
 from headway_schemas.fields import Id, Message, TUs
 
 LIMIT_MAX: Final = 1000
@@ -33,7 +33,7 @@ class AlertsQuery(Message):
     """`onset` gives one row for each event."""
     vehicle: Id | None = None
     """Suspect, follower or leader."""
-    event: Id | None = None
+    event: EventId | None = None
     """Every statement of this `event_id`."""
     limit: Annotated[int, Field(ge=1, le=LIMIT_MAX)] = 100
     evidence: bool = False

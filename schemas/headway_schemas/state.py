@@ -66,7 +66,15 @@ class Health(Message):
     events: Count
     latency_ms: Annotated[dict[Label, Number], Field(default_factory=dict)]
     """From receipt to outcome, by percentile: `p50`, `p99`, `p999`, `max`."""
+    missed: Count = 0
+    """Messages that the senders' counters say were sent and never came."""
+    histograms_us: Annotated[dict[Label, tuple[tuple[float, int], ...]], Field(default_factory=dict, strict=False)]
+    """Records by latency since the start, for each stage: (upper edge of a bucket in microseconds, count)."""
+    cpu_s: Number = None
+    """Processor time that the process has used."""
     rss_mb: Number = None
+    troubles: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """What does not work although messages are judged, such as the journal; a line each."""
 
 
 class RejectedCopy(Message):

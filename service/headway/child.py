@@ -34,7 +34,8 @@ def running_service(settings: Mapping[str, object]) -> Iterator[str]:
     """
     bus, http = _free_ports(2)
     endpoint = f"tcp/127.0.0.1:{bus}"
-    own = {"mode": "peer", "connect": "", "listen": endpoint, "http_port": http, "log_level": "warning", **settings}
+    own = {"mode": "peer", "connect": "", "listen": endpoint, "http_port": http, "log_level": "warning"}
+    own |= {"state_dir": "", **settings}
     environment = os.environ | {ENV_PREFIX + name.upper(): str(value) for name, value in own.items()}
     command = [sys.executable, "-m", "headway", "serve"]
     with tempfile.TemporaryFile("w+") as words:

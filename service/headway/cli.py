@@ -13,6 +13,8 @@ from headway.version import version
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
 config_app = typer.Typer(no_args_is_help=True, help="Settings: effective values, a check, their schema.")
 app.add_typer(config_app, name="config")
+alerts_app = typer.Typer(no_args_is_help=True, help="The journal of a service: what it said of whom.")
+app.add_typer(alerts_app, name="alerts")
 evaluate_app = typer.Typer(no_args_is_help=True, help="Offline experiments with the service's own core.")
 app.add_typer(evaluate_app, name="evaluate")
 
@@ -22,6 +24,14 @@ Connect = Annotated[
 ]
 Sites = Annotated[list[str] | None, typer.Option("--site", help="Site to show; may be repeated.")]
 ZenohConfig = Annotated[Path | None, typer.Option(help="JSON5 file of zenoh's own options, such as certificates.")]
+JournalFile = Annotated[
+    Path | None, typer.Option("--journal", help="Journal of a service; by default that of state_dir.")
+]
+From = Annotated[str | None, typer.Option("--from", help="Detected at this time (ISO 8601, UTC) or later.")]
+To = Annotated[str | None, typer.Option(help="Detected before this time.")]
+OfKind = Annotated[str | None, typer.Option("--kind", help="One kind, such as bias.")]
+OfPhase = Annotated[str | None, typer.Option("--phase", help="onset, update or cleared; onset gives a line for each.")]
+OfVehicle = Annotated[str | None, typer.Option("--vehicle", help="Suspect, follower or leader.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output and nothing else.")]
 
 
@@ -106,9 +116,15 @@ def loadtest(
     from headway import trials
 
     if find_limit:
-        raise typer.Exit(trials.find_limit(vehicles_max=vehicles, bundle=bundle, as_json=as_json))
+        raise typer.Exit(trials.find_limit(vehicles_max=vehicles, rate_hz=rate_hz, bundle=bundle, as_json=as_json))
     missed = trials.loadtest(
-        vehicles=vehicles, seconds=seconds, bundle=bundle, burst=burst, rotate_s=rotate_s, as_json=as_json
+        vehicles=vehicles,
+        seconds=seconds,
+        rate_hz=rate_hz,
+        bundle=bundle,
+        burst=burst,
+        rotate_s=rotate_s,
+        as_json=as_json,
     )
     raise typer.Exit(missed)
 
@@ -171,12 +187,93 @@ def _endpoints(connect: list[str] | None, zenoh_config: Path | None) -> list[str
     return connect or ([] if zenoh_config else ["tcp/127.0.0.1:7447"])
 
 
+@alerts_app.command(name="list")
+def list_alerts(
+    journal: JournalFile = None,
+    from_time: From = None,
+    to: To = None,
+    kind: OfKind = None,
+    phase: OfPhase = None,
+    vehicle: OfVehicle = None,
+    limit: Annotated[int, typer.Option(min=1, max=1000, help="The newest so many.")] = 20,
+    as_json: AsJson = False,
+) -> None:
+    """Print the newest statements, the last one last."""
+    from headway import alerts
+
+    asked = alerts.query(from_time=from_time, to_time=to, kind=kind, phase=phase, vehicle=vehicle, limit=limit)
+    alerts.show(alerts.journal_file(journal), asked, as_json=as_json)
+
+
+@alerts_app.command()
+def export(
+    out: Annotated[Path | None, typer.Argument(help="File to write; by default standard output.")] = None,
+    journal: JournalFile = None,
+    from_time: From = None,
+    to: To = None,
+    kind: OfKind = None,
+    phase: OfPhase = None,
+    vehicle: OfVehicle = None,
+    form: Annotated[str, typer.Option("--format", help="jsonl with evidence; csv or parquet without.")] = "jsonl",
+) -> None:
+    """Write every statement, oldest first."""
+    from headway import alerts
+
+    writers: dict[str, alerts.Writer] = {"jsonl": alerts.write_lines, "csv": alerts.write_csv}
+    if form == "parquet":
+        if out is None:
+            raise UserError("--format parquet is no text: name a file to write")
+        try:
+            from headway.alerts_parquet import write_parquet
+        except ModuleNotFoundError as error:
+            raise UserError(f"--format parquet needs {error.name}: pip install 'headway[parquet]'") from None
+        writers[form] = write_parquet
+    if form not in writers:
+        raise UserError(f"--format {form}: choose jsonl, csv or parquet")
+    asked = alerts.query(
+        from_time=from_time, to_time=to, kind=kind, phase=phase, vehicle=vehicle, evidence=form == "jsonl"
+    )
+    count = alerts.export(alerts.journal_file(journal), asked, writers[form], out)
+    typer.echo(f"{count} statements", err=True)
+
+
+@app.command()
+def explain(
+    event_id: Annotated[str, typer.Argument(help="As alerts carry it and `headway alerts list` shows it.")],
+    journal: JournalFile = None,
+    connect: Annotated[str | None, typer.Option(help="zenoh endpoint of a service to ask instead of a file.")] = None,
+    site: Annotated[str, typer.Option(help="Site to ask there.")] = "local",
+    plot: Annotated[Path | None, typer.Option(help="PNG or SVG file of readings, expectations and verdicts.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge the evidence of an event again and compare, number by number; exit 1 when one differs."""
+    from rich.console import Console
+
+    from headway import explain as again
+
+    explained = again.explain(event_id, journal=journal, connect=connect, site=site)
+    if plot is not None:
+        try:
+            from headway.explain_plot import draw
+        except ModuleNotFoundError as error:
+            raise UserError(f"--plot needs {error.name}: pip install 'headway[plots]'") from None
+        draw(explained, plot)
+    if as_json:
+        typer.echo(json.dumps(again.to_json(explained)))
+    else:
+        again.show(explained, Console())
+    raise typer.Exit(0 if again.same(explained) else 1)
+
+
 @evaluate_app.command()
 def paper(
     leader: Annotated[Path, typer.Option(help="CSV of the leader's drive: t_s, x_m, v_mps at 10 Hz.")],
     runs: Annotated[int, typer.Option(min=1, max=1000, help="Seeds to average over.")] = 20,
     recovery: Annotated[str, typer.Option(help="ground-truth as published, or prediction as a service can.")] = (
         "ground-truth"
+    ),
+    history: Annotated[str, typer.Option(help="constant as the published solver, or buffers as the equations.")] = (
+        "constant"
     ),
     delay_jitter: Annotated[float, typer.Option(min=0, help="Standard deviation of the stochastic delay, s.")] = 0.0,
     seed: Annotated[int, typer.Option(min=0, help="First seed.")] = 1,
@@ -186,11 +283,15 @@ def paper(
     """Run the published experiment, its two tables beside the printed values."""
     from headway_loadtest.evaluate.paper import Protocol
     from headway_loadtest.evaluate.paper_command import evaluate_paper
-    from headway_loadtest.evaluate.paper_loop import Recovery
+    from headway_loadtest.evaluate.paper_loop import History, Recovery
 
     if recovery not in list(Recovery):
         raise UserError(f"--recovery {recovery}: choose from {', '.join(Recovery)}")
-    protocol = Protocol(runs=runs, recovery=Recovery(recovery), delay_jitter_s=delay_jitter, seed=seed)
+    if history not in list(History):
+        raise UserError(f"--history {history}: choose from {', '.join(History)}")
+    protocol = Protocol(
+        runs=runs, recovery=Recovery(recovery), history=History(history), delay_jitter_s=delay_jitter, seed=seed
+    )
     raise typer.Exit(evaluate_paper(leader, protocol, as_json=as_json, out=out))
 
 

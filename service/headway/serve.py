@@ -2,19 +2,24 @@
 
 import signal
 import threading
+from pathlib import Path
 
 import structlog
 
+from headway import core_digest
 from headway.core.engine import Engine
 from headway.edge import logs
 from headway.edge.bus import BusConfig, ZenohBus
 from headway.edge.clock import SystemClock
 from headway.edge.codec import Codec
+from headway.edge.evidence import parameters
 from headway.edge.http import HttpServer
 from headway.edge.inbox import Inbox
+from headway.edge.keeper import Keeper, KeeperConfig
 from headway.edge.latency import Latencies
 from headway.edge.ledger import Ledger
 from headway.edge.metrics import CONTENT_TYPE, Metrics, Sources
+from headway.edge.ports import Channel
 from headway.edge.reporter import ReportConfig, Reporter
 from headway.edge.shell import Shell, ShellConfig
 from headway.edge.vitals import Identity, Vitals
@@ -49,12 +54,22 @@ def serve(loaded: Loaded) -> None:
         version=version(),
         model=settings.model,
         config_hash=settings.config_hash,
+        parameters=parameters(settings.detector(), version(), core_digest()),
     )
     vitals, ledger, latencies = Vitals(clock), Ledger(), Latencies()
     codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
     inbox = Inbox(settings.queue_limit, settings.queue_bytes_limit, codec.records_in)
     bus = ZenohBus(_bus_config(loaded), keys, clock, inbox)
     engine = Engine(settings.detector())
+    keeper = None
+    if settings.state_dir is not None:
+        keeper = Keeper(
+            _keeper_config(settings, settings.state_dir),
+            identity,
+            engine,
+            clock,
+            lambda told: bus.publish(Channel.ALERT, told.key, told.payload),
+        )
     reporter = Reporter(
         config=_report_config(settings),
         identity=identity,
@@ -65,6 +80,7 @@ def serve(loaded: Loaded) -> None:
         vitals=vitals,
         ledger=ledger,
         latencies=latencies,
+        keeper=keeper,
     )
     shell = Shell(
         config=_shell_config(settings),
@@ -78,6 +94,7 @@ def serve(loaded: Loaded) -> None:
         ledger=ledger,
         latencies=latencies,
         reporter=reporter,
+        keeper=keeper,
     )
     metrics = Metrics(
         Sources(
@@ -90,11 +107,14 @@ def serve(loaded: Loaded) -> None:
             vehicle_capacity=settings.vehicle_capacity,
             queue_limit=settings.queue_limit,
             alarm_budget_per_hour=settings.alarm_budget_per_hour,
+            keeper=keeper,
         )
     )
     with _http(settings, metrics, vitals) as http:
         _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
         engine.warm_up()
+        if keeper is not None:
+            keeper.snapshots.load()
         vitals.warm = True
         try:
             if bus.open(lambda seconds: not stop.wait(seconds)):
@@ -103,6 +123,8 @@ def serve(loaded: Loaded) -> None:
                 left = shell.drain(settings.stop_timeout_s)
                 _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected, left=left)
         finally:
+            if keeper is not None:
+                keeper.close()
             bus.close()
 
 
@@ -142,6 +164,16 @@ def _bus_config(loaded: Loaded) -> BusConfig:
         connect_timeout_s=settings.connect_timeout_s,
         block_timeout_s=settings.block_timeout_s,
         alert_limit=settings.alert_queue_limit,
+        history=settings.state_dir is not None,
+    )
+
+
+def _keeper_config(settings: Settings, folder: Path) -> KeeperConfig:
+    return KeeperConfig(
+        folder=folder,
+        journal_days=settings.journal_days,
+        journal_mb=settings.journal_mb,
+        snapshot_interval_s=settings.snapshot_interval_s,
     )
 
 

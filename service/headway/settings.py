@@ -45,7 +45,23 @@ def _listed(value: object) -> object:
     return re.split(r"[,\s]+", value.strip(", \t\n")) if isinstance(value, str) and value.strip() else value or ()
 
 
+def _state_dir() -> Path | None:
+    """Return the folder that the system gives to a service, or to its user; None where there is neither."""
+    if "STATE_DIRECTORY" in os.environ:
+        return Path(os.environ["STATE_DIRECTORY"].partition(":")[0])
+    try:
+        return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "headway"
+    except RuntimeError:
+        return None
+
+
+def _given(value: object) -> object:
+    """Read empty text as nothing."""
+    return None if value == "" else value
+
+
 _D = DetectorConfig()
+StateDir = Annotated[Path | None, BeforeValidator(_given)]
 Endpoints = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)]
 ModelName = Literal["ekf", "aekf", "headway"]
 
@@ -146,6 +162,19 @@ class Settings(BaseSettings):
     health_interval_s: float = _knob(1.0, "Time between two reports of own health.", "s", ge=0.1, le=60)
     alert_queue_limit: int = _knob(
         10_000, "Alerts waiting for a slow bus at most; then the oldest is dropped, and counted.", ge=1, le=1_000_000
+    )
+
+    state_dir: StateDir = Field(
+        default_factory=_state_dir,
+        description="Folder of the journal and the snapshot; empty keeps nothing. By default $STATE_DIRECTORY, which"
+        " systemd sets, or headway in $XDG_STATE_HOME or ~/.local/state.",
+    )
+    journal_days: float = _knob(30.0, "Statements older than this are taken out of the journal.", "d", gt=0, le=3650)
+    journal_mb: float = _knob(
+        1_000.0, "Beyond it the oldest statements are taken out of the journal.", "MB", ge=1, le=1e6
+    )
+    snapshot_interval_s: float = _knob(
+        30.0, "Time between two snapshots of the detector; one more is taken at the end.", "s", ge=1, le=3600
     )
 
     http_host: str = _knob("127.0.0.1", "Address of /metrics, /livez and /readyz.")

@@ -4,6 +4,7 @@ import json
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from math import ceil, inf
 from pathlib import Path
 
@@ -25,10 +26,11 @@ from headway_loadtest.spec import parse_spec
 from headway_schemas.keys import Keys
 
 DEMO_SEED = 1
-DEMO_INJECTION = Spec(c=1.0, p=0.003, kinds=(*ALGORITHM_1, Kind.SHORT, Kind.MISS))
+DEMO_INJECTION = Spec(c=1.0, p=0.003, share=0.4, kinds=(*ALGORITHM_1, Kind.SHORT, Kind.MISS))
 LOAD_INJECTION = Spec(c=1.0, kinds=ALGORITHM_1, share=0.01)
 """One vehicle in a hundred lies, so that events flow while latency is measured."""
 
+NOMINAL_HZ = 10.0
 LOAD_WARMUP_S = 5.0
 FORGET_AFTER_S = 30.0
 SPARE_ROWS = 1.2
@@ -84,11 +86,13 @@ def demo(*, pairs: int, seconds: float, as_json: bool) -> None:
         show(outcome, console)
 
 
-def loadtest(*, vehicles: int, seconds: float, bundle: int, burst: bool, rotate_s: float, as_json: bool) -> int:
+def loadtest(
+    *, vehicles: int, seconds: float, rate_hz: float, bundle: int, burst: bool, rotate_s: float, as_json: bool
+) -> int:
     """Measure one load against the targets for its size; return 1 when one is missed, else 0."""
     console = Console(stderr=as_json)
-    outcome = _load(vehicles, seconds, bundle=bundle, burst=burst, rotate_s=rotate_s, console=console)
-    targets = targets_for(vehicles, bundle)
+    load = Load(vehicles, seconds, rate_hz, bundle, burst, rotate_s)
+    outcome, targets = _carry(load, console), targets_for(load)
     if as_json:
         typer.echo(json.dumps(to_json(outcome, targets)))
     else:
@@ -98,14 +102,14 @@ def loadtest(*, vehicles: int, seconds: float, bundle: int, burst: bool, rotate_
     return 1 if misses(outcome, targets) else 0
 
 
-def find_limit(*, vehicles_max: int, bundle: int, as_json: bool) -> int:
+def find_limit(*, vehicles_max: int, rate_hz: float, bundle: int, as_json: bool) -> int:
     """Find the most vehicles that meet the targets, by bisection; return 1 when not even the fewest do."""
     console = Console(stderr=as_json)
     low, high, tried = 0, vehicles_max, []
     vehicles = min(LIMIT_START, vehicles_max)
     while high - low > max(1, LIMIT_STEP_SHARE * low):
-        outcome = _load(vehicles, LIMIT_SECONDS, bundle=bundle, burst=False, rotate_s=inf, console=console)
-        targets = targets_for(vehicles, bundle)
+        load = Load(vehicles, LIMIT_SECONDS, rate_hz, bundle)
+        outcome, targets = _carry(load, console), targets_for(load)
         missed = misses(outcome, targets)
         tried.append(to_json(outcome, targets))
         console.print(f"{vehicles} vehicles: {'; '.join(missed) or 'all targets met'}")
@@ -114,32 +118,53 @@ def find_limit(*, vehicles_max: int, bundle: int, as_json: bool) -> int:
         if vehicles <= low:
             break
     if as_json:
-        typer.echo(json.dumps({"limit_vehicles": low, "limit_hz": 10 * low, "tried": tried}))
+        typer.echo(json.dumps({"limit_vehicles": low, "limit_hz": rate_hz * low, "tried": tried}))
     else:
-        console.print(f"[bold]{low}[/] vehicles ({10 * low} messages a second) is the most that met the targets.")
+        console.print(
+            f"[bold]{low}[/] vehicles ({rate_hz * low:,.0f} messages a second) is the most that met the targets."
+        )
     return 0 if low else 1
 
 
-def targets_for(vehicles: int, bundle: int) -> Targets:
-    """Return what a load of so many vehicles must meet."""
-    if bundle > 1:
+@dataclass(frozen=True, slots=True)
+class Load:
+    """What is put on the service."""
+
+    vehicles: int
+    seconds: float
+    rate_hz: float = NOMINAL_HZ
+    bundle: int = 1
+    burst: bool = False
+    rotate_s: float = inf
+
+
+def targets_for(load: Load) -> Targets:
+    """Return what the service must meet under a load, by its messages a second."""
+    if load.bundle > 1:
         return BUNDLE_TARGETS
-    return next((targets for size, targets in TARGETS if vehicles <= size), TARGETS[-1][1])
+    nominal = load.vehicles * load.rate_hz / NOMINAL_HZ
+    return next((targets for size, targets in TARGETS if nominal <= size), TARGETS[-1][1])
 
 
-def _load(
-    vehicles: int, seconds: float, *, bundle: int, burst: bool, rotate_s: float, console: Console
-) -> runs.Outcome:
-    capacity = max(1_000, ceil(SPARE_ROWS * vehicles * (1 + FORGET_AFTER_S / rotate_s)))
+def _carry(load: Load, console: Console) -> runs.Outcome:
+    """Run the service in a process of its own under a load."""
+    capacity = max(1_000, ceil(SPARE_ROWS * load.vehicles * (1 + FORGET_AFTER_S / load.rotate_s)))
     settings = {"site": "load", "vehicle_capacity": capacity, "forget_after_s": FORGET_AFTER_S}
-    total_s = seconds + LOAD_WARMUP_S
-    frames = FleetFrames(vehicles, total_s, inject=LOAD_INJECTION, burst=burst, rotate_s=rotate_s)
-    plan = runs.Plan(bundle=bundle, warmup_s=LOAD_WARMUP_S)
+    total_s = load.seconds + LOAD_WARMUP_S
+    frames = FleetFrames(
+        load.vehicles,
+        total_s,
+        inject=LOAD_INJECTION,
+        burst=load.burst,
+        rotate_s=load.rotate_s,
+        step_ms=round(1000 / load.rate_hz),
+    )
+    plan = runs.Plan(bundle=load.bundle, warmup_s=LOAD_WARMUP_S)
     with (
         _told_in_one_line(),
         running_service(settings) as endpoint,
         connect(endpoint) as session,
-        _progress(f"{vehicles} vehicles", total_s, console) as tell,
+        _progress(f"{load.vehicles} vehicles", total_s, console) as tell,
     ):
         return runs.run(session, frames, Keys("v2x", "load"), plan, on_progress=tell)
 

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from traffic import START_US, STEP_US, batch
+from sim.lying import NAMES, drive
+from traffic import batch
 
 from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
@@ -14,32 +15,14 @@ from headway.core.replay import bank_row, replay
 from headway.core.turn import AnomalyEvent, Phase
 
 CONFIG = DetectorConfig(model="aekf", vehicle_capacity=8)
-CARS, LENGTH_M, GAP_M = 3, 4.5, 25.0
 
 
-def said_in_a_drive(config: DetectorConfig, seed: int, seconds: float = 24.0) -> list[AnomalyEvent]:
-    """Three cars that name their leader and measure the range to it; single readings are false, and one car lies
-    consistently from 16 s on."""
-    rng = np.random.default_rng(seed)
+def said_in_a_drive(config: DetectorConfig, seed: int) -> list[AnomalyEvent]:
     engine, said = Engine(config), list[AnomalyEvent]()
-    names = [f"car{i}" for i in range(CARS)]
-    for k in range(round(seconds * 10)):
-        t_s = 0.1 * k
-        true_m = 1000.0 - (GAP_M + LENGTH_M) * np.arange(CARS) + 20.0 * t_s
-        x_m = true_m + rng.normal(0, 0.02, CARS)
-        v_mps = 20.0 + rng.normal(0, 0.02, CARS)
-        if t_s > 16.0:
-            x_m[0] += 0.8 * (t_s - 16.0)
-            v_mps[0] += 0.8
-        if 60 <= k < 140 and k % 9 < 3:
-            x_m[k % CARS] += rng.choice([-8.0, 12.0])
-        if 100 <= k < 130:
-            v_mps[2] += 4.0
-        t_us = np.full(CARS, START_US + k * STEP_US)
-        range_m = np.r_[np.nan, np.full(CARS - 1, GAP_M) + rng.normal(0, 0.02, CARS - 1)]
-        records = batch(names, x_m, v_mps, t_us, k % 128, leader_ids=[None, *names[:-1]], range_m=range_m)
-        if rng.random() > 0.03:
-            said += engine.step(records, int(records.received_us.max())).events
+    for now in drive(seed):
+        leaders: list[str | None] = [None, *NAMES[:-1]]
+        records = batch(NAMES, now.x_m, now.v_mps, [now.t_us] * 3, now.k % 128, leader_ids=leaders, range_m=now.range_m)
+        said += engine.step(records, int(records.received_us.max())).events
     return said
 
 

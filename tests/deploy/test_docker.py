@@ -2,7 +2,6 @@
 
 import fnmatch
 import json
-import re
 import runpy
 import shutil
 import subprocess
@@ -13,6 +12,7 @@ from pathlib import Path, PurePosixPath
 import pytest
 import yaml
 from compose_spec import PyCompose
+from dockerfile import BUILD, FINAL, environment, said
 from manifest import ROOT, names_no_registry, parse_command, settings_of
 
 from headway.core.config import DetectorConfig
@@ -21,25 +21,14 @@ from headway.core.models import MODELS
 from headway.settings import Settings
 
 DOCKER = ROOT / "docker"
-DOCKERFILE = (DOCKER / "Dockerfile").read_text().replace("\\\n", " ")
-INSTRUCTIONS = [line.split(maxsplit=1) for line in DOCKERFILE.splitlines() if line and not line.startswith("#")]
-FINAL = INSTRUCTIONS[max(i for i, (word, _) in enumerate(INSTRUCTIONS) if word == "FROM") :]
 COMPOSE = yaml.safe_load((DOCKER / "compose.yaml").read_text())
 SERVICES = COMPOSE["services"]
 OURS = {name: service for name, service in SERVICES.items() if service["image"] == "headway"}
 
 
-def said(word: str, instructions: list[list[str]] = FINAL) -> list[str]:
-    return [rest for instruction, rest in instructions if instruction == word]
-
-
-def environment() -> dict[str, str]:
-    return dict(re.findall(r"(\w+)=(\S*)", " ".join(said("ENV"))))
-
-
 def copied() -> list[str]:
     sources = []
-    for rest in said("COPY", INSTRUCTIONS):
+    for rest in said("COPY"):
         if "--from=" not in rest:
             sources += [word for word in rest.split()[:-1] if not word.startswith("--")]
     return sources
@@ -72,26 +61,27 @@ def test_the_packages_of_the_distribution_are_all_in_the_image() -> None:
 def test_the_image_runs_as_nobody_in_particular_and_serves_where_the_settings_say(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    assert said("USER") == ["10001:10001"]
+    assert said("USER", FINAL) == ["10001:10001"]
     settings = settings_of(environment(), monkeypatch)
     assert settings.http_host == "0.0.0.0"
-    assert said("EXPOSE") == [str(settings.http_port)]
-    [check] = said("HEALTHCHECK")
+    assert said("VOLUME", FINAL) == [str(settings.state_dir)]
+    assert said("EXPOSE", FINAL) == [str(settings.http_port)]
+    [check] = said("HEALTHCHECK", FINAL)
     assert f"http://127.0.0.1:{settings.http_port}/livez" in check
     compile(json.loads(check.partition("CMD")[2])[-1], "healthcheck", "exec")
 
 
 def test_base_images_are_named_plainly() -> None:
-    images = [rest.split()[0] for rest in said("FROM", INSTRUCTIONS)] + [s["image"] for s in SERVICES.values()]
+    images = [rest.split()[0] for rest in said("FROM")] + [s["image"] for s in SERVICES.values()]
     assert all(names_no_registry(image) for image in images)
 
 
 def test_kernels_are_compiled_as_they_are_run() -> None:
-    building = dict(re.findall(r"(\w+)=(\S*)", " ".join(said("ENV", INSTRUCTIONS[: -len(FINAL)]))))
+    building = environment(BUILD)
     for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
         assert building[name] == environment()[name]
     assert f"cp -R {building['NUMBA_CACHE_DIR']}/." in (DOCKER / "entrypoint.sh").read_text()
-    assert said("ARG", INSTRUCTIONS) == [f'DELAYS_S="{DetectorConfig().delay_s}"']
+    assert said("ARG") == [f'DELAYS_S="{DetectorConfig().delay_s}"']
 
 
 def test_kernels_of_every_model_and_delay_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -148,7 +138,9 @@ def test_compose_opens_ports_to_this_machine_only() -> None:
 def test_compose_runs_what_the_command_line_knows(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     service = OURS[name]
     parse_command(service["command"])
-    settings_of({**environment(), **service.get("environment", {})}, monkeypatch)
+    settings = settings_of({**environment(), **service.get("environment", {})}, monkeypatch)
+    if service["command"] == ["serve"]:
+        assert service["volumes"] == [f"state:{settings.state_dir}"]
     assert service["read_only"]
     assert any(mount.startswith("/tmp:") for mount in service["tmpfs"])
 

@@ -53,12 +53,16 @@ def tls(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def free_address() -> str:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return f"127.0.0.1:{probe.getsockname()[1]}"
+
+
 @contextmanager
 def router(template: str, tls: Path) -> Iterator[str]:
     """Run a router of the template; yields where it listens, `127.0.0.1:<port>`."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    address = free_address()
     (tls / "passwords").write_text("gw-north:north\nheadway-local:local\n")
     options = access().fill((FOLDER / template).read_text(), members())
     for place, here in (("[::]:7447", address), ("/etc/zenoh/tls", str(tls)), ("/etc/zenoh", str(tls))):
@@ -253,6 +257,20 @@ def test_the_dashboard_asks_and_sees_who_lives_and_others_do_not(bus: Members) -
     assert [reply.ok.payload.to_bytes() for reply in replies if reply.ok] == [b"[]"]
 
 
+def test_a_refusal_reaches_who_asked(bus: Members) -> None:
+    service, watcher = bus.service(), bus.session("dashboard")
+
+    def refused() -> bool:
+        query = service.next_query()
+        if query is not None:
+            query.refuse("not today")
+        return query is not None
+
+    replies = watcher.get(KEYS.pairs, timeout=20.0)
+    until(refused)
+    assert [reply.err.payload.to_string() for reply in replies if reply.err] == ["not today"]
+
+
 def test_the_bundled_dashboard_is_content_with_its_rules(bus: Members) -> None:
     service, feed = bus.service(), bus.dashboard()
     copy = RejectedCopy(
@@ -314,6 +332,19 @@ def test_passwords_over_tls_do_the_same(tls: Path) -> None:
 
         until(through)
         assert set(heard) == {KEYS.bsm("gw-north")}
+
+
+def test_the_router_for_trying_out_passes_messages_on() -> None:
+    address = free_address()
+    options = (FOLDER / "trial.json5").read_text().replace("[::]:7447", address)
+    config = zenoh.Config()
+    for key, value in (("mode", "client"), ("connect/endpoints", [f"tcp/{address}"])):
+        config.insert_json5(key, json.dumps(value))
+    heard: list[str] = []
+    with zenoh.open(zenoh.Config.from_json5(options)), zenoh.open(config) as one, zenoh.open(config) as other:
+        one.declare_subscriber(KEYS.every_bsm, lambda sample: heard.append(str(sample.key_expr)))
+        until(lambda: other.put(KEYS.bsm("a"), b"") or heard)
+    assert set(heard) == {KEYS.bsm("a")}
 
 
 def test_the_two_templates_differ_in_how_a_member_is_known_only() -> None:

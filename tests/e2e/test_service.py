@@ -29,7 +29,7 @@ BLOCK = zenoh.CongestionControl.BLOCK
 class Service:
     """The process and how to look at it from outside."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, more: dict[str, str] | None = None) -> None:
         self.endpoint = free_endpoint()
         self._log = folder / "log"
         settings = {
@@ -42,7 +42,7 @@ class Service:
         }
         with self._log.open("wb") as log:
             self.process = subprocess.Popen(
-                [sys.executable, "-m", "headway", "serve"], env=without_headway() | settings, stderr=log
+                [sys.executable, "-m", "headway", "serve"], env=without_headway() | settings | (more or {}), stderr=log
             )
         until(self._announced, START_S)
         self.url = f"http://127.0.0.1:{self._announced()}"

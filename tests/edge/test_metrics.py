@@ -102,7 +102,7 @@ def waits(*values_us: float) -> F64:
 
 def test_a_histogram_counts_every_record_in_the_bucket_it_belongs_to() -> None:
     rig = Rig(StubEngine())
-    rig.latencies.book(waits(5.0, 50.0, 2e9), decode_us=100.0, judge_us=1_000.0, publish_us=10.0)
+    rig.latencies.book(waits(5.0, 50.0, 2e9), waits(5.0, 50.0, 2e9), decode_us=100.0, judge_us=1_000.0, publish_us=10.0)
     rig.latencies.flush()
     values = scrape(rig)
     name = "headway_stage_latency_seconds"
@@ -119,7 +119,7 @@ def test_percentiles_are_right_to_a_twentieth_and_of_the_time_since_the_last_rep
     latencies = Latencies()
     sample_us = rng.lognormal(7.0, 1.0, 50_000)
     for part in np.array_split(sample_us, 100):
-        latencies.book(part, 0.0, 0.0, 0.0)
+        latencies.book(part, part, 0.0, 0.0, 0.0)
     told = latencies.percentiles_ms()
     exact = np.quantile(sample_us, [0.5, 0.99, 0.999]) / 1e3
     assert [told["p50"], told["p99"], told["p999"]] == pytest.approx(exact.tolist(), rel=0.06)

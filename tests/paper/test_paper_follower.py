@@ -55,6 +55,11 @@ def test_his_readings_carry_a_hundredth_of_noise_and_the_leaders_sample(leader: 
     np.testing.assert_array_equal(follower.readings["t_s"], follower.readings["leader_t_s"])
 
 
+def test_no_drive_is_without_an_event(leader: Leader) -> None:
+    follower = drive(Leader(leader.x_m[:50], leader.v_mps[:50]), 0.0, 0.0, seed=1)
+    assert all(corrupt(follower, 1.0, seed).anomalous.any() for seed in range(50))
+
+
 def test_severity_moves_the_size_of_events_and_not_their_place(leader: Leader) -> None:
     follower = drive(leader, 0.5, 0.0, seed=1)
     large, small = (corrupt(follower, severity, seed=3) for severity in (1.0, 0.1))

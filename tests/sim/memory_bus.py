@@ -13,9 +13,13 @@ class MemoryQuery:
     key: str
     parameters: dict[str, str] = field(default_factory=dict)
     answers: list[bytes] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
 
     def answer(self, payload: bytes, _encoding: str) -> None:
         self.answers.append(payload)
+
+    def refuse(self, reason: str) -> None:
+        self.refusals.append(reason)
 
 
 class MemoryBus:

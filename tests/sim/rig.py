@@ -1,6 +1,7 @@
 """A shell with all that it touches: a fake clock, a bus in memory, and any detector."""
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from sim.clock import FakeClock
@@ -8,8 +9,10 @@ from sim.memory_bus import MemoryBus
 
 from headway.edge.codec import Codec
 from headway.edge.inbox import Inbox
+from headway.edge.keeper import Keeper, KeeperConfig
 from headway.edge.latency import Latencies
 from headway.edge.ledger import Ledger
+from headway.edge.ports import Channel
 from headway.edge.reporter import ReportConfig, Reporter
 from headway.edge.shell import Shell, ShellConfig
 from headway.edge.vitals import Identity, Vitals
@@ -29,6 +32,8 @@ class Rig:
     state_rate_hz: float = 0.0
     state_budget_hz: float = 1_000.0
     rejected_rate_hz: float = 3.0
+    state_dir: Path | None = None
+    identity: Identity = IDENTITY
 
     def __post_init__(self) -> None:
         self.clock = FakeClock()
@@ -36,8 +41,9 @@ class Rig:
         self.ledger, self.latencies = Ledger(), Latencies()
         self.codec = Codec(KEYS)
         self.bus = MemoryBus(Inbox(self.queue_limit, 1 << 30, self.codec.records_in))
+        self.keeper = self._keeper(self.state_dir) if self.state_dir else None
         shared = {
-            "identity": IDENTITY,
+            "identity": self.identity,
             "keys": KEYS,
             "engine": self.engine,
             "bus": self.bus,
@@ -45,6 +51,7 @@ class Rig:
             "vitals": self.vitals,
             "ledger": self.ledger,
             "latencies": self.latencies,
+            "keeper": self.keeper,
         }
         reporter = Reporter(
             config=ReportConfig(
@@ -68,6 +75,11 @@ class Rig:
             reporter=reporter,
             **shared,
         )
+
+    def _keeper(self, folder: Path) -> Keeper:
+        config = KeeperConfig(folder=folder, journal_days=1.0, journal_mb=100.0, snapshot_interval_s=5.0)
+        tell = lambda told: self.bus.publish(Channel.ALERT, told.key, told.payload)  # noqa: E731
+        return Keeper(config, self.identity, self.engine, self.clock, tell)
 
     def turns(self, seconds: float, step_s: float = 0.001) -> None:
         """Turn for so long, on the fake clock."""

@@ -74,11 +74,12 @@ class SimWorld:
             clock.sleep(TURN_S)
 
     def digest(self) -> str:
-        """Everything the service said and booked, less the memory that its health reports tell."""
+        """Everything the service said and booked, less what its health reports tell of the machine."""
         digest = hashlib.sha256()
         for channel, key, payload in self.rig.bus.published:
             told = json.loads(payload)
-            told.pop("rss_mb", None)
+            for name in ("rss_mb", "cpu_s"):
+                told.pop(name, None)
             digest.update(f"{channel.name} {key} {json.dumps(told, sort_keys=True)}".encode())
         digest.update(repr([self.rig.ledger[outcome] for outcome in Outcome]).encode())
         return digest.hexdigest()

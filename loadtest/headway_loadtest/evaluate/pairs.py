@@ -7,6 +7,7 @@ The ceiling is the ROC of |z - truth|^2 on the same drives: a memoryless detecto
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import product
 from multiprocessing import get_context
@@ -81,15 +82,15 @@ def run_pairs(
     parts = [Part(pair, which, model, delay_s, None, protocol) for (which, pair), model, delay_s in cells]
     gateless = [part for part in parts if _takes_gate(part)]
     scores: dict[Cell, dict[Telling, list[Score]]] = {}
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with _workers(processes) as spread:
         done, of = 0, len(gateless) + len(parts)
         honest: dict[Cell, list[tuple[F64, float]]] = {}
-        for part, heard in zip(gateless, pool.map(honest_statistics, gateless), strict=True):
+        for part, heard in zip(gateless, spread(honest_statistics, gateless), strict=True):
             honest.setdefault(_cell(part), []).extend(heard)
             progress(done := done + 1, of)
         gates = {cell: _gate(heard, protocol.budget_per_hour) for cell, heard in honest.items()}
         gated = [replace(part, gate=gates.get(_cell(part))) for part in parts]
-        for part, made in zip(gated, pool.map(measure, gated), strict=True):
+        for part, made in zip(gated, spread(measure, gated), strict=True):
             for telling, one in made:
                 scores.setdefault(_cell(part), {}).setdefault(telling, []).append(one)
             progress(done := done + 1, of)
@@ -100,6 +101,16 @@ def run_pairs(
         "rows": list(_rows(scores, gates)),
         "clean": list(_clean(scores)),
     }
+
+
+@contextmanager
+def _workers(processes: int) -> Iterator[Callable[..., Iterable[Any]]]:
+    """Give a `map` that works in this process, or in several."""
+    if processes == 1:
+        yield map
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        yield pool.map
 
 
 def _gate(heard: Sequence[tuple[F64, float]], budget_per_hour: float) -> float:

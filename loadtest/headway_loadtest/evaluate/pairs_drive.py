@@ -6,6 +6,7 @@ time. Neither the truth nor a label reaches it.
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ READING_NOISE = 0.01
 ALL, NONE = "all", "none"
 """Words for the published mixture of kinds, and for an honest drive."""
 STARTS_PER_SAMPLE = 0.005
+LEAST_S = 600.0
+"""A run drives a shorter pair several times, with noise and lies of its own each time: a minute holds six events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,12 +82,13 @@ def load(path: Path) -> Pair:
 def stories(
     pair: Pair, which: int, severities: Sequence[float], kinds: Sequence[str], runs: int, seed: int
 ) -> list[Story]:
-    """Return `runs` honest drives, and as many for each kind and severity; `which` is the pair's place in the list.
+    """Return honest drives, and as many for each kind and severity; `which` is the pair's place in the list.
 
-    A kind is a word of `inject.Kind` that concerns one sensor, or `all`.
+    There is one for each of `runs`, or more of a pair shorter than LEAST_S. A kind is a word of `inject.Kind` that
+    concerns one sensor, or `all`.
     """
     told = []
-    for run in range(runs):
+    for run in range(runs * ceil(LEAST_S / (3600.0 * pair.hours))):
         rng = np.random.default_rng([seed, which, run])
         for severity, kind in [(0.0, NONE), *((severity, kind) for severity in severities for kind in kinds)]:
             spec = Spec(c=severity or 1.0, p=STARTS_PER_SAMPLE if severity else 0.0, kinds=_kinds(kind))

@@ -206,7 +206,7 @@ def _roc(model: str, delay_s: float, protocol: Protocol, follower: Follower, cor
         return run(model, p._replace(gate=gate), follower, corrupted.readings, protocol.recovery, protocol.history)
 
     gates = roc.thresholds(judged(np.inf)["nis"])
-    return roc.closed_loop(lambda gate: judged(gate)["anomalous"].copy(), corrupted.anomalous, gates)
+    return roc.closed_loop(lambda gate: judged(gate)["anomalous"], corrupted.anomalous, gates)
 
 
 def _clean(model: str, delay_s: float, protocol: Protocol, follower: Follower) -> CleanNumbers:

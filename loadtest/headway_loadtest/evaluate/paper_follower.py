@@ -60,9 +60,15 @@ def drive(leader: Leader, delay_s: float, delay_jitter_s: float, seed: int) -> F
 
 
 def corrupt(follower: Follower, severity: float, seed: int) -> Corrupted:
-    """Inject Algorithm 1 with variance `severity`; equal seeds place equal events, whatever the severity."""
+    """Inject Algorithm 1 with variance `severity`; equal seeds place equal events, whatever the severity.
+
+    A short drive on which nothing happens is drawn again: it has no ROC.
+    """
     clean = follower.readings
-    lies = inject(np.random.default_rng((seed, 1)), clean["x_m"], clean["v_mps"], Spec(c=severity))
+    rng = np.random.default_rng((seed, 1))
+    lies = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
+    while not lies.anomalous.any():
+        lies = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
     made = clean.copy()
     made["x_m"], made["v_mps"] = lies.x_m, lies.v_mps
     return Corrupted(made, lies.anomalous)

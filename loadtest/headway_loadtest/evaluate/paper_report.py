@@ -8,8 +8,8 @@ from rich.table import Table
 from headway_loadtest.evaluate.paper import DELAYS_S, DEVIATIONS, MODELS, SEVERITIES, PaperResult, Table1Row
 
 Rows = Sequence[Sequence[str]]
-TABLE1_HEADER = ("c", "tau [s]", "Model 1 (ekf)", "printed", "Model 2 (aekf)", "printed", "p")
-TABLE2_HEADER = ("model", "tau [s]", "nu_x [m]", "printed", "nu_v [m/s]", "printed", "MSE", "printed", "repairs")
+TABLE1_HEADER = ("c", "tau [s]", "Model 1 (ekf)", "paper", "Model 2 (aekf)", "paper", "p")
+TABLE2_HEADER = ("model", "tau [s]", "nu_x [m]", "paper", "nu_v [m/s]", "paper", "MSE", "paper", "repairs")
 
 
 def table1_rows(result: PaperResult) -> Rows:
@@ -36,7 +36,7 @@ def table2_rows(result: PaperResult) -> Rows:
             *(
                 text
                 for found, printed in zip((row.innovation_m, row.innovation_mps, row.mse), row.printed, strict=True)
-                for text in (f"{found:.3f}", f"{printed:.4g}")
+                for text in (f"{found:.3f}", f"{round(printed, 4):g}")
             ),
             f"{row.repaired_share:.3%}",
         )
@@ -96,7 +96,7 @@ def _p_value(p: float | None) -> str:
 def _table(title: str, header: Sequence[str], rows: Rows) -> Table:
     table = Table(title=title, title_justify="left", title_style="bold")
     for name in header:
-        table.add_column(name, justify="right", style="dim" if name == "printed" else None)
+        table.add_column(name, justify="right", style="dim" if name == "paper" else None)
     for row in rows:
         table.add_row(*row)
     return table

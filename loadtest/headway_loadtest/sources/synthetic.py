@@ -31,6 +31,8 @@ ORIGIN_LAT, ORIGIN_LON = 42.1, -84.2
 
 DELAY_S = (0.2, 0.6)
 ACCEL_MIN_MPS2, ACCEL_MAX_MPS2 = -6.0, 2.5
+JERK_MPS3 = 5.0
+"""No pedal moves faster: a driver who brakes in earnest takes half a second to do so."""
 BRAKE_GAP_M = 1.0
 IMPERFECTION_MPS2, IMPERFECTION_S = 0.15, 5.0
 POSITION_STEP_M, POSITION_MEMORY_S = 0.008, 30.0
@@ -105,6 +107,7 @@ class Fleet:
         self._x_m = PLATOON * 40.0 - (back_m - head_m)
         self._v_mps = v_mps
         self._wish_mps = v_mps.copy()
+        self._accel_mps2 = np.zeros(n)
         self._imperfection_mps2 = np.zeros(n)
         self._along_m = np.zeros(n)
         self._across_m = np.zeros(n)
@@ -114,7 +117,9 @@ class Fleet:
     def step(self) -> Readings:
         """Read all sensors, then drive on for a step."""
         step_s = self._step_s
-        accel_mps2 = np.maximum(self._drive(), -self._v_mps / step_s)
+        most_mps2 = JERK_MPS3 * step_s
+        accel_mps2 = np.clip(self._drive(), self._accel_mps2 - most_mps2, self._accel_mps2 + most_mps2)
+        self._accel_mps2 = accel_mps2 = np.maximum(accel_mps2, -self._v_mps / step_s)
         readings = self._read(accel_mps2)
         self._x_m += (self._v_mps + accel_mps2 * step_s / 2) * step_s
         self._v_mps += accel_mps2 * step_s

@@ -34,8 +34,8 @@ class DetectorConfig:
     max_gap_s: float = 5.0
     """After so long a silence of one sender its filter starts anew."""
 
-    warming_readings: int = 20
-    """Readings of a vehicle before its verdicts count: two seconds at 10 Hz."""
+    warming_readings: int = 30
+    """Readings of a vehicle before its verdicts count: three seconds at 10 Hz, in which its noise is learnt."""
 
     miss_after_s: float = 0.6
     """Silence never counts as a miss before this: congestion control may stretch the interval so far (SAE J2945/1)."""

@@ -1,6 +1,7 @@
 """The only door of the core: a batch of records in, one outcome for each and the events they cause out."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -351,7 +352,7 @@ class Engine:
         return int(rows.size)
 
     @property
-    def _tables(self) -> dict[str, NDArray[np.generic]]:
+    def _tables(self) -> dict[str, NDArray[Any]]:
         """What is kept of each row, by name, as far as a snapshot holds it."""
         return {
             "tracks": self._tracks,

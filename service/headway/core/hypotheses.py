@@ -41,6 +41,7 @@ from headway.core.motion import (
     disregard,
     jolt,
     jump,
+    mend,
     merge,
     observe,
     predict,
@@ -192,8 +193,10 @@ def judge(
     prior: Any,
     scratch: Any,
     out: Any,
-) -> None:
+) -> bool:
     """Take one reading: M (COUNT, SIZE) and w (COUNT,) become what is thought after it.
+
+    Return whether a covariance had to be mended.
 
     Parameters
     ----------
@@ -235,9 +238,11 @@ def judge(
         w[HEALTHY] *= IMPOSSIBLE
         for j in (BIAS, DRIFT, NOISE):
             w[j] *= IMPOSSIBLE
-    total = w.sum()
+    total, mended = w.sum(), False
     for j in range(COUNT):
         w[j] = max(w[j] / total, WEIGHT_FLOOR)
+        mended |= mend(M[j])
+    return mended
 
 
 @njit(cache=True)

@@ -76,7 +76,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             x_std_m=0.02,
             v_std_mps=0.02,
             jerk=0.3,
-            walk=1e-6,
+            walk=3e-4,
             std_least=0.003,
             x_std_most_m=10.0,
             v_std_most_mps=3.0,
@@ -84,9 +84,9 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             jerk_most=10.0,
             walk_least=1e-10,
             walk_most=10.0,
-            slowest=0.02,
+            slowest=0.04,
             settling=0.1,
-            sign_step=0.1,
+            sign_step=0.5,
             scale_step=1e-4,
             scale_most=0.1,
             moving_mps=3.0,
@@ -149,7 +149,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
         out[0], out[1] = 0.0, 0.0
         out[2], out[3], out[4] = row.levels.r[LOCATION], 0.0, row.levels.r[SPEED]
     else:
-        judge(
+        verdict.repaired = judge(
             row.M, row.w, dt_s, reading, row.levels.r, row.levels.q, row.levels.walk, p.hypotheses, prior, scratch, out
         )
     row.count += 1
@@ -176,7 +176,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
 
     if not verdict.warming:
         learn(row.tail, statistic, verdict.anomalous, dt_s, p.budget)
-    if dt_s > 0.0 and row.w[HEALTHY] > TRUSTED:
+    if dt_s > 0.0 and (verdict.warming or row.w[HEALTHY] > TRUSTED):
         learn_levels(row.levels, mean[V], out[0], out[1], out[2], out[4], p.levels)
     else:
         interrupt(row.levels)

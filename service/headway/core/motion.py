@@ -19,6 +19,7 @@ XX, XV, XA, XB, XS, VV, VA, VB, VS, AA, AB, AS, BB, BS, SS = range(5, 20)
 SIZE = 20
 
 LOCATION, SPEED = 0, 1
+VARIANCE_FLOOR = 1e-6
 NEGLIGIBLE = 1e-9
 """Share of a mixture that leaves no trace in it."""
 TAU = 6.283185307179586
@@ -124,7 +125,8 @@ def observe(m: Any, sensor: int, lying: bool, z: float, r: float) -> float:
         ha += m[AB]
         hb += m[BB]
         hs += m[BS]
-    var = (hx if sensor == LOCATION else hv) + (hb if lying else 0.0) + r
+    # Never below r but for rounding: x and b may be known to the digit in their sum and to a hundred metres apart.
+    var = max((hx if sensor == LOCATION else hv) + (hb if lying else 0.0) + r, r)
     w = 1.0 / var
     kx, kv, ka, kb, ks = w * hx, w * hv, w * ha, w * hb, w * hs
     m[X] += kx * nu
@@ -175,6 +177,25 @@ def disregard(m: Any, sensor: int, z: float, r: float, spread: float) -> float:
     var += spread**2
     u = 1.0 + 0.5 * nu * nu / var
     return float(1.0 / (2.0 * sqrt(2.0 * var) * u * sqrt(u)))
+
+
+@njit(cache=True)
+def mend(m: Any) -> bool:
+    """Make the covariance positive again where rounding has not left it so; return whether that was needed.
+
+    Updates subtract, and a location a million metres off leaves no digits. What is known is then only kept to the
+    size of the variances: correlations are dropped.
+    """
+    xx, vv, aa = m[XX], m[VV], m[AA]
+    minor = xx * vv - m[XV] ** 2
+    det = aa * minor - m[VA] * (xx * m[VA] - m[XV] * m[XA]) + m[XA] * (m[XV] * m[VA] - vv * m[XA])
+    if xx > 0.0 and minor > 0.0 and det > 0.0 and m[BB] >= 0.0 and m[SS] >= 0.0:
+        return False
+    bb, ss = m[BB], m[SS]
+    m[XX:] = 0.0
+    m[XX], m[VV], m[AA] = max(xx, VARIANCE_FLOOR), max(vv, VARIANCE_FLOOR), max(aa, VARIANCE_FLOOR)
+    m[BB], m[SS] = max(bb, 0.0), max(ss, 0.0)
+    return True
 
 
 @njit(cache=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,7 +40,7 @@ class Snapshot:
     rows: I64
     """(n,) rows of the vehicles."""
     ids: list[str]
-    tables: dict[str, NDArray[np.generic]]
+    tables: dict[str, NDArray[Any]]
     """(n,) of each table by its name, copies."""
     events: list[OpenEvent]
     link_events: list[OpenEvent]

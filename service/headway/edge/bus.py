@@ -65,6 +65,8 @@ class BusConfig:
     connect_timeout_s: float
     block_timeout_s: float
     alert_limit: int
+    history: bool = False
+    """Whether questions for the history of events are taken."""
 
     def zenoh_config(self) -> zenoh.Config:
         """Return what zenoh makes of it. Raises `BusError`."""
@@ -111,6 +113,7 @@ class ZenohBus:
         self._keys = keys
         self._clock = clock
         self._inbox = inbox
+        self._asked = (keys.pairs, keys.alerts) if config.history else (keys.pairs,)
         self._options = config.zenoh_config()
         self._is_client = json.loads(self._options.get_json("mode")) == "client"
         self._listens = not self._is_client and bool(json.loads(self._options.get_json("listen/endpoints")))
@@ -160,7 +163,7 @@ class ZenohBus:
             session.info.declare_transport_events_listener(self._on_transport, history=True),
             self._watch(session, Channel.STATE, keys.every_pair_state),
             self._watch(session, Channel.REJECTED, keys.every_rejected),
-            session.declare_queryable(keys.pairs, self._asker(keys.pairs)),
+            *(session.declare_queryable(key, self._asker(key)) for key in self._asked),
             session.liveliness().declare_token(keys.liveliness(self._config.instance)),
         ]
         self._subscriber = session.declare_subscriber(
@@ -317,8 +320,15 @@ class _ZenohQuery:
     def answer(self, payload: bytes, encoding: str) -> None:
         self._answers.put(lambda: self._reply(payload, encoding))
 
+    def refuse(self, reason: str) -> None:
+        self._answers.put(lambda: self._reply_error(reason))
+
     def _reply(self, payload: bytes, encoding: str) -> None:
         self._query.reply(self.key, payload, encoding=encoding)
+        self._query.drop()
+
+    def _reply_error(self, reason: str) -> None:
+        self._query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
         self._query.drop()
 
 

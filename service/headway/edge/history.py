@@ -60,16 +60,17 @@ def read(
     """
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCK_S)) as db:
         over_s = time.monotonic() + longest_s
-        db.set_progress_handler(lambda: time.monotonic() > over_s, 100_000)
+        db.set_progress_handler(lambda: time.monotonic() > over_s, 10_000)
         require_format(db)
-        asked = {_CONDITIONS[name]: getattr(query, name) for name in _CONDITIONS} | {"site = ?": site}
-        asked = {condition: value for condition, value in asked.items() if value is not None}
+        asked = [(condition, getattr(query, name)) for name, condition in _CONDITIONS.items()] + [("site = ?", site)]
+        asked = [(condition, value) for condition, value in asked if value is not None]
+        where = " AND ".join(["TRUE", *(condition for condition, _ in asked)])
         evidence = "evidence, parameters" if query.evidence else "NULL, NULL"
         way = "ASC" if oldest_first else "DESC"
         rows = db.execute(
             f"SELECT detected_us, told, {evidence} FROM statements LEFT JOIN configs ON configs.id = config"  # noqa: S608
-            f" WHERE {' AND '.join(['TRUE', *asked])} ORDER BY detected_us {way}, statements.id {way}",
-            tuple(asked.values()),
+            f" WHERE {where} ORDER BY detected_us {way}, statements.id {way}",
+            [value for _, value in asked],
         )
         for detected_us, event, shown, parameters in rows:
             whole = None if shown is None else shown + b',"parameters":' + parameters + b"}"

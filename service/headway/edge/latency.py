@@ -31,6 +31,8 @@ class Stage(StrEnum):
     JUDGE = "judge"
     TOTAL = "total"
     """From the receipt to the outcome: the three before."""
+    INTENDED = "intended"
+    """From the event time, which a load generator means to send at, to the outcome; as good as the sender's clock."""
     PUBLISH = "publish"
     """Making messages of what a turn found and handing them over."""
 
@@ -60,12 +62,20 @@ class Latencies:
         self.stages = {stage: Histogram() for stage in Stage}
         self._waits: list[NDArray[np.float64]] = []
         self._works: list[NDArray[np.float64]] = []
+        self._ages: list[NDArray[np.float64]] = []
         self._held = 0
         self._reported = self.stages[Stage.TOTAL].counts.copy()
         self._max_us = 0.0
 
-    def book(self, waits_us: NDArray[np.float64], decode_us: float, judge_us: float, publish_us: float) -> None:
-        """Enter one turn: (B,) time in the queue of each record, and what each stage took for all of them."""
+    def book(
+        self,
+        waits_us: NDArray[np.float64],
+        ages_us: NDArray[np.float64],
+        decode_us: float,
+        judge_us: float,
+        publish_us: float,
+    ) -> None:
+        """Enter one turn: (B,) time in the queue and age at the outcome of each record, and what each stage took."""
         size = waits_us.size
         if not size:
             return
@@ -74,6 +84,7 @@ class Latencies:
         self.stages[Stage.PUBLISH].add(publish_us, size)
         self._waits.append(waits_us)
         self._works.append(waits_us + (decode_us + judge_us))
+        self._ages.append(ages_us)
         self._held += size
         if self._held >= _FLUSH_AT:
             self.flush()
@@ -85,6 +96,8 @@ class Latencies:
             self.stages[Stage.QUEUE].add_all(np.concatenate(self._waits))
             self.stages[Stage.TOTAL].add_all(totals_us)
             self._max_us = max(self._max_us, float(totals_us.max()))
+            self.stages[Stage.INTENDED].add_all(np.concatenate(self._ages))
+            self._ages.clear()
             self._waits.clear()
             self._works.clear()
             self._held = 0
@@ -101,3 +114,12 @@ class Latencies:
         cumulated = recent.cumsum()
         at = {name: int(np.searchsorted(cumulated, q * cumulated[-1])) for name, q in _QUANTILES.items()}
         return {name: min(_MIDDLES[i], largest_us) / 1e3 for name, i in at.items()} | {"max": largest_us / 1e3}
+
+    def cumulative_us(self) -> dict[str, tuple[tuple[float, int], ...]]:
+        """Return (upper edge, count) of the buckets in use by stage; beyond the last edge counts at twice it."""
+        self.flush()
+        edges = [*_EDGES, 2 * _EDGES[-1]]
+        return {
+            stage.value: tuple((edges[i], int(histogram.counts[i])) for i in np.flatnonzero(histogram.counts))
+            for stage, histogram in self.stages.items()
+        }

@@ -16,6 +16,8 @@ from prometheus_client.registry import Collector
 
 from headway.core.engine import Engine
 from headway.core.outcome import Outcome
+from headway.edge.journal import Reason
+from headway.edge.keeper import Keeper
 from headway.edge.latency import EDGES_US, Histogram, Latencies
 from headway.edge.ledger import Ledger
 from headway.edge.ports import Bus
@@ -39,6 +41,7 @@ class Sources:
     vehicle_capacity: int
     queue_limit: int
     alarm_budget_per_hour: float
+    keeper: Keeper | None = None
 
 
 @unique
@@ -91,6 +94,15 @@ def _stages(sources: Sources) -> Samples:
     return [((str(stage),), histogram) for stage, histogram in sources.latencies.stages.items()]
 
 
+def _kept(read: Callable[[Keeper], float]) -> Callable[[Sources], Samples]:
+    """Read something of the keeper; 0 where nothing is kept."""
+    return lambda sources: [((), 0 if sources.keeper is None else read(sources.keeper))]
+
+
+def _journal_failures(sources: Sources) -> Samples:
+    return [((str(reason),), sources.keeper.scribe.failed[reason] if sources.keeper else 0) for reason in Reason]
+
+
 def _build(sources: Sources) -> Samples:
     identity = sources.identity
     return [((identity.version, identity.model, identity.config_hash, identity.site, identity.instance), 1)]
@@ -136,6 +148,20 @@ TABLE: Final = (
            _one(lambda s: s.ledger.leader_changes)),
     Metric("headway_forgotten_vehicles_total", _C, "Vehicles forgotten after silence.", (),
            _one(lambda s: s.ledger.forgotten)),
+    Metric("headway_journal_statements_total", _C, "Statements written to the journal.", (),
+           _kept(lambda k: k.scribe.written)),
+    Metric("headway_journal_failures_total", _C, "Statements told that are not in the journal, by reason.", ("reason",),
+           _journal_failures),
+    Metric("headway_journal_hurried_total", _C, "Statements told before they were written, the disk being slow.", (),
+           _kept(lambda k: k.scribe.hurried)),
+    Metric("headway_journal_pruned_total", _C, "Statements taken out of the journal, too old or too many.", (),
+           _kept(lambda k: k.scribe.pruned)),
+    Metric("headway_journal_waiting", _G, "Statements that wait to be written.", (), _kept(lambda k: k.scribe.waiting)),
+    Metric("headway_journal_bytes", _G, "What the journal holds.", (), _kept(lambda k: k.scribe.used_bytes)),
+    Metric("headway_snapshots_total", _C, "Snapshots of the detector written.", (),
+           _kept(lambda k: k.snapshots.written)),
+    Metric("headway_snapshot_failures_total", _C, "Snapshots that could not be written.", (),
+           _kept(lambda k: k.snapshots.failed)),
 )  # fmt: skip
 """Beside these, `process_*` of the Prometheus client: CPU, memory, file descriptors."""
 

@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Any, Final
 
 from headway.core.outcome import Outcome
-from headway.core.records import READING, Sensor
-from headway.core.turn import AnomalyEvent, Evidence, PairStates
+from headway.core.records import Sensor
+from headway.core.turn import AnomalyEvent, PairStates
+from headway.edge.evidence import to_wire
 from headway.edge.vitals import Identity
 from headway_schemas import event as wire
 from headway_schemas.state import PairState, Standing
@@ -56,17 +57,7 @@ def event_message(
         config_hash=identity.config_hash,
         confidence=event.confidence,
         etsi_target=_ETSI_TARGET.get(event.sensor),
-        evidence=_evidence(event.evidence) if event.evidence else None,
-    )
-
-
-def _evidence(evidence: Evidence) -> wire.Evidence:
-    leaders = evidence.leaders.astype(float).tolist()
-    return wire.Evidence(
-        columns=(*(READING.names or ()), "leader_row"),
-        readings=tuple((*reading, leader) for reading, leader in zip(evidence.readings.tolist(), leaders, strict=True)),
-        checkpoint=evidence.checkpoint.tobytes(),
-        parameters={},
+        evidence=to_wire(event.evidence, identity) if event.evidence else None,
     )
 
 

@@ -32,7 +32,11 @@ class Query(Protocol):
         ...
 
     def answer(self, payload: bytes, encoding: str) -> None:
-        """Answer, once; the query is over."""
+        """Answer, once; the query is over. Any thread may."""
+        ...
+
+    def refuse(self, reason: str) -> None:
+        """Say in a line why there is no answer; the query is over. Any thread may."""
         ...
 
 

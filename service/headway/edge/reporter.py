@@ -1,13 +1,15 @@
 """What the service tells without being asked by a message: states, health, answers. A little in each turn."""
 
+import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
 from headway.core.engine import Engine
 from headway.edge.clock import Clock
 from headway.edge.codec import encode
+from headway.edge.keeper import Keeper
 from headway.edge.latency import Latencies
 from headway.edge.ledger import Ledger
 from headway.edge.outgoing import rss_mb, state_messages
@@ -48,6 +50,7 @@ class Reporter:
         vitals: Vitals,
         ledger: Ledger,
         latencies: Latencies,
+        keeper: Keeper | None = None,
     ) -> None:
         self._config = config
         self._identity = identity
@@ -58,10 +61,10 @@ class Reporter:
         self._vitals = vitals
         self._ledger = ledger
         self._latencies = latencies
+        self._keeper = keeper
         self._state_ns = self._health_ns = clock.monotonic_ns()
         self._slice = 0
         self._answers: deque[Iterator[None]] = deque()
-        self._answerers: dict[str, Callable[[Query], Iterator[None]]] = {keys.pairs: self._answer_pairs}
 
     def turn(self, now_ns: int) -> None:
         """Do what is due, at most one slice of each."""
@@ -91,8 +94,10 @@ class Reporter:
 
     def _answer(self) -> None:
         query = self._bus.next_query()
-        if query is not None:
-            self._answers.append(self._answerers[query.key](query))
+        if query is not None and query.key == self._keys.alerts and self._keeper is not None:
+            self._keeper.ask(query)
+        elif query is not None:
+            self._answers.append(self._answer_pairs(query))
         if self._answers and next(self._answers[0], _DONE) is _DONE:
             self._answers.popleft()
 
@@ -126,5 +131,9 @@ class Reporter:
             lost=ledger.lost,
             events=sum(ledger.events.values()),
             latency_ms=dict(self._latencies.percentiles_ms()),
+            missed=ledger.missed_messages,
+            histograms_us=self._latencies.cumulative_us(),
+            cpu_s=time.process_time(),
             rss_mb=rss_mb(),
+            troubles=self._keeper.troubles if self._keeper is not None else (),
         )

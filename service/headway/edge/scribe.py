@@ -115,6 +115,7 @@ class Scribe:
         return told
 
     def _run(self) -> None:
+        self._prune()
         try:
             while True:
                 try:

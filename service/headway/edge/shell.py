@@ -16,6 +16,8 @@ from headway.core.turn import AnomalyEvent, Turn
 from headway.edge.arrival import Arrival, Fault, Rejection
 from headway.edge.clock import Clock
 from headway.edge.codec import Codec, Decoded, encode, rejected_copy
+from headway.edge.journal import Statement
+from headway.edge.keeper import Keeper
 from headway.edge.latency import Latencies
 from headway.edge.ledger import Ledger
 from headway.edge.outgoing import DETAILS, event_message
@@ -67,6 +69,7 @@ class Shell:
         ledger: Ledger,
         latencies: Latencies,
         reporter: Reporter,
+        keeper: Keeper | None = None,
     ) -> None:
         self._config = config
         self._identity = identity
@@ -79,6 +82,7 @@ class Shell:
         self._ledger = ledger
         self._latencies = latencies
         self._reporter = reporter
+        self._keeper = keeper
         self._tick_ns = self._heard_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
         self._copies: Counter[Outcome] = Counter()
 
@@ -114,6 +118,8 @@ class Shell:
             self._judge(arrivals, now_ns)
         self._look(now_ns)
         self._reporter.turn(now_ns)
+        if self._keeper is not None:
+            self._keeper.turn(now_ns)
         return len(arrivals)
 
     def _look(self, now_ns: int) -> None:
@@ -133,16 +139,25 @@ class Shell:
         self._tell_rejections(decoded, arrivals, result, drained_ns)
         self._ledger.book(len(arrivals), decoded.rejections, result, self._bus.shed_records)
         publish_us = (self._clock.monotonic_ns() - judged_ns) / 1e3
-        self._latencies.book(_waits_us(decoded, arrivals, drained_ns), decode_us, judge_us, publish_us)
+        ages_us: F64 = (drained_us + decode_us + judge_us) - decoded.batch.t_us.astype(np.float64)
+        self._latencies.book(_waits_us(decoded, arrivals, drained_ns), ages_us, decode_us, judge_us, publish_us)
 
     def _tell_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, judge_us: int) -> None:
+        """Tell what was found; with a keeper only once it is written down."""
         detected_us = drained_us + decode_us + judge_us
+        statements = []
         for event in events:
             latency_us = {Stage.DECODE: decode_us, Stage.JUDGE: judge_us}
             if event.evidence is not None:
                 latency_us[Stage.QUEUE] = drained_us - event.received_us
             message = event_message(event, self._identity, detected_us, latency_us)
-            self._bus.publish(Channel.ALERT, self._keys.alert(message.kind, message.suspect), encode(message))
+            key = self._keys.alert(message.kind, message.suspect)
+            statements.append(Statement(message, key, encode(message)))
+        if self._keeper is not None and statements:
+            self._keeper.put(statements)
+            return
+        for statement in statements:
+            self._bus.publish(Channel.ALERT, statement.key, statement.payload)
 
     def _tell_rejections(self, decoded: Decoded, arrivals: list[Arrival], result: Turn, now_ns: int) -> None:
         by_core = np.flatnonzero(result.outcomes > _WARMING)

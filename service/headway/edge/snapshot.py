@@ -1,18 +1,20 @@
 """What the detector knows, on disk: a service that is started again goes on with the vehicles it knew.
 
 The state is copied a slice in each turn, so that no turn takes long, and written by a thread of its own. The file is a
-line of JSON and the tables as they are in memory: only the same core in the same configuration reads it.
+checksum, a line of JSON, and the tables as they are in memory: only the same core in the same configuration reads it.
 """
 
 import json
 import os
+import sys
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import structlog
+from numpy.typing import NDArray
 
 from headway.core.engine import Engine
 from headway.core.snapshot import OpenEvent, OpenMiss, Snapshot, whole
@@ -22,7 +24,7 @@ from headway.edge.vitals import Identity
 
 _SLICES: Final = 64
 _CLOSE_S: Final = 5.0
-_FORMAT: Final = "headway-snapshot-1"
+_FORMAT: Final = 1
 
 _log: Final = structlog.get_logger(__name__)
 
@@ -65,7 +67,7 @@ class Snapshots:
     def load(self) -> int:
         """Let the engine go on with what the file says, if it fits; return how many vehicles it knows then."""
         try:
-            snapshot = _read(self._path, self._fingerprint(), self._engine)
+            snapshot = _read(self._path, self._maker(), self._engine.snapshot().tables)
         except FileNotFoundError:
             return 0
         except (OSError, ValueError) as error:
@@ -83,7 +85,7 @@ class Snapshots:
 
     def _write(self, parts: list[Snapshot]) -> None:
         try:
-            _write(self._path, self._fingerprint(), whole(parts))
+            _write(self._path, self._maker(), whole(parts))
         except OSError as error:
             self.failed += 1
             if self.trouble is None:
@@ -93,39 +95,55 @@ class Snapshots:
             self.written += 1
             self.trouble = None
 
-    def _fingerprint(self) -> dict[str, str]:
+    def _maker(self) -> dict[str, float | str]:
+        """Return what must be the same for a snapshot to fit."""
         identity = self._identity
-        return {
-            "format": _FORMAT,
-            "site": identity.site,
-            "config_hash": identity.config_hash,
-            "core": identity.core,
-            "byteorder": os.sys.byteorder,
-        }
+        return {"format": _FORMAT, "site": identity.site, "byteorder": sys.byteorder, **identity.parameters}
 
 
-def _write(path: Path, fingerprint: dict[str, str], snapshot: Snapshot) -> None:
-    """Replace the file, so that there is a whole one at any time."""
-    tables = {name: table.tobytes() for name, table in sorted(snapshot.tables.items())}
+def _write(path: Path, maker: dict[str, float | str], snapshot: Snapshot) -> None:
+    """Replace the file, so that there is a whole one at any time: checksum, header, tables."""
     header = {
-        "fingerprint": fingerprint,
-        "rows": snapshot.rows.tolist(),
+        "maker": maker,
         "ids": snapshot.ids,
+        "rows": snapshot.rows.tolist(),
         "events": snapshot.events,
         "link_events": snapshot.link_events,
         "misses": snapshot.misses,
-        "crc32": {name: zlib.crc32(table) for name, table in tables.items()},
     }
+    chunks = [json.dumps(header).encode() + b"\n", *(table.tobytes() for table in snapshot.tables.values())]
+    checksum = 0
+    for chunk in chunks:
+        checksum = zlib.crc32(chunk, checksum)
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_name(path.name + ".new")
     with fresh.open("wb") as file:
-        file.write(json.dumps(header).encode() + b"\n")
-        for table in tables.values():
-            file.write(table)
+        file.write(b"%08x\n" % checksum)
+        file.writelines(chunks)
         file.flush()
         os.fsync(file.fileno())
     fresh.replace(path)
 
 
-def _read(path: Path, fingerprint: dict[str, str], engine: Engine) -> Snapshot:
-    """Read a file that `_write` made. Raises `OSError`, or `ValueError` where it does not fit."""
+def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
+    """Read what `_write` wrote; `tables` show the types. Raises `OSError`, or `ValueError` where it does not fit."""
+    checksum, _, rest = path.read_bytes().partition(b"\n")
+    if checksum != b"%08x" % zlib.crc32(rest):
+        raise ValueError("damaged")
+    line, _, body = rest.partition(b"\n")
+    header = json.loads(line)
+    other = sorted(name for name in maker.keys() | header["maker"] if maker.get(name) != header["maker"].get(name))
+    if other:
+        raise ValueError(f"made with another {', '.join(other)}")
+    rows, offset, read = np.array(header["rows"], np.int64), 0, {}
+    for name, like in tables.items():
+        read[name] = np.frombuffer(body, like.dtype, rows.size, offset)
+        offset += read[name].nbytes
+    return Snapshot(
+        rows=rows,
+        ids=header["ids"],
+        tables=read,
+        events=[OpenEvent(*event) for event in header["events"]],
+        link_events=[OpenEvent(*event) for event in header["link_events"]],
+        misses=[OpenMiss(*miss) for miss in header["misses"]],
+    )

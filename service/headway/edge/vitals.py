@@ -1,5 +1,6 @@
 """Who this instance is, whether it lives, and whether it works."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from headway.edge.clock import Clock
@@ -16,6 +17,8 @@ class Identity:
     version: str
     model: str
     config_hash: str
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+    """All that a verdict depends on beside the readings: the detector's configuration, `version`, `core` (digest)."""
 
 
 @dataclass(slots=True)

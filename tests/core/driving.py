@@ -1,0 +1,34 @@
+"""A smooth drive of one car as READINGs, and the default model along it."""
+
+import numpy as np
+from numba import njit
+
+from headway.core.bank import readings, verdicts
+from headway.core.config import DetectorConfig
+from headway.core.imm import HEADWAY, headway_params, step_row
+
+NOISE = 0.01
+
+
+def drive(rng, n=900, x_std=NOISE, v_std=NOISE):
+    """A car between 8 and 16 m/s at 10 Hz; readings with white noise, and the true (x, v)."""
+    t_s = 0.1 * np.arange(n)
+    v = 12.0 + 2.5 * np.sin(0.2 * t_s) + 1.5 * np.sin(0.53 * t_s + 1.0)
+    x = np.r_[0.0, np.cumsum(0.05 * (v[1:] + v[:-1]))]
+    read = readings(n)
+    read["t_s"], read["x_m"], read["v_mps"] = t_s, x + rng.normal(0, x_std, n), v + rng.normal(0, v_std, n)
+    return read, x, v
+
+
+@njit
+def along(row, read, p, judged):
+    for k in range(read.size):
+        step_row(row, read[k], p, judged[k])
+
+
+def judge(read, row=None, **config):
+    """Return the verdicts of a drive, and the row after it."""
+    bank = np.zeros(1, HEADWAY) if row is None else row
+    judged = verdicts(len(read))
+    along(bank[0], read, headway_params(DetectorConfig(**config)), judged)
+    return judged, bank

@@ -1,0 +1,50 @@
+"""Levels are found from whatever they start at, on readings whose levels are known."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from headway.core.bank import readings, verdicts
+from headway.core.config import DetectorConfig
+from headway.core.imm import HEADWAY, headway_params, step_row
+
+P = headway_params(DetectorConfig())
+
+
+@njit
+def drive(row, read, p, judged):
+    for k in range(read.size):
+        step_row(row, read[k], p, judged[k])
+
+
+def learnt(rng, x_std, v_std, jerk_std=0.8, scale=1.0, n=3000):
+    """Return the levels after five minutes of a car whose acceleration wanders."""
+    h = 0.1
+    a = np.zeros(n)
+    for k in range(1, n):
+        a[k] = 0.995 * a[k - 1] + np.sqrt(h) * jerk_std * rng.normal() * 0.5
+    v = 15.0 + np.cumsum(a - a.mean()) * h * 0.2
+    x = np.r_[0.0, np.cumsum(0.5 * h * (v[1:] + v[:-1]))]
+    read = readings(n)
+    read["t_s"], read["x_m"] = h * np.arange(n), x + rng.normal(0.0, x_std, n)
+    read["v_mps"] = scale * v + rng.normal(0.0, v_std, n)
+    bank = np.zeros(1, HEADWAY)
+    drive(bank[0], read, P, verdicts(n))
+    return bank[0]["levels"]
+
+
+@pytest.mark.parametrize(("x_std", "v_std"), [(0.01, 0.01), (0.05, 0.02), (1.0, 0.1), (0.01, 0.1)])
+def test_the_noise_of_both_sensors_is_found(x_std: float, v_std: float) -> None:
+    levels = learnt(np.random.default_rng(0), x_std, v_std)
+    assert np.sqrt(levels["r"][0]) == pytest.approx(x_std, rel=0.35)
+    assert np.sqrt(levels["r"][1]) == pytest.approx(v_std, rel=0.35)
+
+
+def test_a_jerky_driver_is_told_from_a_smooth_one() -> None:
+    rng = np.random.default_rng(1)
+    assert learnt(rng, 0.01, 0.01, jerk_std=3.0)["q"] > 5.0 * learnt(rng, 0.01, 0.01, jerk_std=0.3)["q"]
+
+
+def test_a_speedometer_that_reads_too_much_is_found_out() -> None:
+    assert learnt(np.random.default_rng(2), 0.01, 0.01, scale=1.02)["scale"] == pytest.approx(0.02, abs=0.006)
+    assert learnt(np.random.default_rng(2), 0.01, 0.01)["scale"] == pytest.approx(0.0, abs=0.004)

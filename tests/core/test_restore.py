@@ -1,0 +1,121 @@
+"""An engine that goes on from another's snapshot says what that one would have said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from traffic import LATENCY_US, Platoon, batch
+
+from headway.core.batch import Batch
+from headway.core.config import DetectorConfig
+from headway.core.engine import Engine
+from headway.core.outcome import Outcome
+from headway.core.records import Kind
+from headway.core.replay import replay
+from headway.core.snapshot import whole
+from headway.core.turn import AnomalyEvent, Phase, Turn
+
+CONFIG = DetectorConfig(model="aekf", vehicle_capacity=16)
+
+
+def step(engine: Engine, records: Batch) -> Turn:
+    return engine.step(records, int(records.received_us.max()))
+
+
+def driven(steps: int, platoon: Platoon, config: DetectorConfig = CONFIG) -> Engine:
+    engine = Engine(config)
+    for _ in range(steps):
+        step(engine, platoon.next())
+    return engine
+
+
+def restored(engine: Engine, now_us: int, stride: int = 1) -> Engine:
+    other = Engine(CONFIG)
+    other.restore(whole([engine.snapshot(stride, phase) for phase in range(stride)]), now_us)
+    return other
+
+
+def told(event: AnomalyEvent) -> AnomalyEvent:
+    return replace(event, evidence=None)
+
+
+@pytest.mark.parametrize("stride", [1, 4])
+def test_the_restored_engine_goes_on_bit_for_bit(stride: int) -> None:
+    platoon = Platoon(5)
+    engine = driven(60, platoon)
+    said = step(engine, platoon.next({"car2": 9.0})).events
+    other = restored(engine, platoon.t_us, stride)
+    assert (other.vehicles, other.pairs, other.active_events) == (5, 4, 1)
+    for k in range(40):
+        records = platoon.next({"car1": 7.0} if k == 20 else None)
+        one, two = step(engine, records), step(other, records)
+        assert one.outcomes.tolist() == two.outcomes.tolist() == [Outcome.SCORED] * 5
+        assert one.nis.tobytes() == two.nis.tobytes()
+        assert list(map(told, one.events)) == list(map(told, two.events))
+        said += two.events
+        for event in two.events:
+            assert event.evidence is not None
+            again = replay(event.evidence, CONFIG).by_filter[-1]
+            assert (float(again["statistic"]), float(again["x_m"])) == (event.statistic, event.recovered[0])
+    assert [(event.suspect, event.phase) for event in said] == [
+        ("car2", Phase.ONSET), ("car2", Phase.CLEARED), ("car1", Phase.ONSET), ("car1", Phase.CLEARED),
+    ]  # fmt: skip
+
+
+def test_after_a_short_absence_vehicles_are_known_and_nobody_is_accused_of_it() -> None:
+    platoon = Platoon(4)
+    engine = driven(60, platoon)
+    platoon.k += 30
+    other = restored(engine, platoon.t_us)
+    said = []
+    for k in range(20):
+        turn = step(other, platoon.next(silent={"car2"} if k < 3 else None))
+        said += turn.events
+        assert set(turn.outcomes) == {Outcome.SCORED}
+    assert [event for event in said if event.kind is Kind.MISS] == []
+
+
+def test_whoever_falls_silent_after_the_restart_is_missed() -> None:
+    platoon = Platoon(3)
+    other = restored(driven(60, platoon), platoon.t_us)
+    step(other, platoon.next())
+    said = [event for _ in range(15) for event in step(other, platoon.next(silent={"car1"})).events]
+    assert [(event.kind, event.suspect) for event in said] == [(Kind.MISS, "car1")]
+
+
+def test_who_was_silent_for_too_long_is_not_known_again() -> None:
+    platoon = Platoon(3)
+    engine = driven(60, platoon)
+    late = platoon.t_us + LATENCY_US + int(CONFIG.forget_after_s * 1e6)
+    assert restored(engine, late).vehicles == 0
+    assert restored(engine, late - 200_000).vehicles == 3
+
+
+def test_a_vehicle_that_changed_its_row_between_two_parts_is_known_once() -> None:
+    platoon = Platoon(3)
+    engine = driven(30, platoon)
+    early = engine.snapshot(2, 0)
+    later = driven(60, Platoon(2, seed=2))
+    late = later.snapshot(2, 1)
+    both = whole([replace(early, rows=early.rows + 4), late])
+    assert sorted(both.ids) == ["car0", "car1", "car2"]
+    both = replace(both, ids=["car1" if name == "car2" else name for name in both.ids])
+    other = Engine(CONFIG)
+    assert other.restore(both, platoon.t_us) == 2
+    assert sorted(other.states().followers) == ["car0", "car1"]
+
+
+def test_a_leader_that_is_gone_is_nobodys_leader() -> None:
+    platoon = Platoon(3)
+    engine = driven(60, platoon)
+    alone = engine.snapshot()
+    keep = np.array([alone.ids.index("car2")])
+    part = replace(
+        alone, rows=alone.rows[keep], ids=["car2"], tables={name: t[keep] for name, t in alone.tables.items()}
+    )
+    other = Engine(CONFIG)
+    other.restore(part, platoon.t_us)
+    assert other.pairs == 0
+    newcomers = batch(["x", "y"], [0.0, 900.0], [20.0, 20.0], [platoon.t_us] * 2)
+    step(other, newcomers)
+    assert other.pairs == 0

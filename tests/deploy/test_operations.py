@@ -1,0 +1,224 @@
+"""The operations guide tells of everything an operator can meet, and of nothing else; its examples run."""
+
+import json
+import re
+import socket
+from collections.abc import Iterator
+
+import pytest
+import typer
+import yaml
+import zenoh
+from manifest import ROOT
+from sim.until import until
+
+from headway.cli import app
+from headway.core.outcome import Outcome
+from headway.dashboard.app import create_app
+from headway.dashboard.board import Board
+from headway.dashboard.hub import Hub
+from headway.edge.bus import BusConfig, ZenohBus
+from headway.edge.clock import SystemClock
+from headway.edge.inbox import Inbox
+from headway.edge.journal import Reason
+from headway.edge.metrics import TABLE
+from headway.settings import Settings, allowed
+from headway_schemas import Event, Kind, Phase, Sensor, encodings
+from headway_schemas.history import EVENTS, AlertsQuery
+from headway_schemas.keys import Keys
+from headway_schemas.state import Standing
+
+GUIDE = (ROOT / "docs" / "OPERATIONS.md").read_text()
+RULES = [
+    rule["alert"]
+    for group in yaml.safe_load((ROOT / "deploy/prometheus/headway.rules.yml").read_text())["groups"]
+    for rule in group["rules"]
+]
+_OF_THE_MACHINE = {"instance": "the host's name", "state_dir": "of the system"}
+_IDENTIFIER = "1 to 64 of letters, digits, `_ . ~ -`"
+_SPELT = {
+    "site": _IDENTIFIER,
+    "instance": _IDENTIFIER,
+    "prefix": "identifiers joined by `/`",
+    "connect": "endpoints",
+    "listen": "endpoints",
+}
+
+
+def section(title: str) -> str:
+    """Return what stands between a heading of the second level and the next."""
+    return GUIDE.partition(f"\n## {title}\n")[2].partition("\n## ")[0]
+
+
+def rows(title: str) -> list[list[str]]:
+    """Return the cells of the tables of a section, without their heads."""
+    lines = [line for line in section(title).splitlines() if line.startswith("|")]
+    cells = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in lines]
+    return [
+        row for row, below in zip(cells, [*cells[1:], [""]], strict=True) if not {row[0][:3], below[0][:3]} & {"---"}
+    ]
+
+
+def names(title: str) -> list[str]:
+    return [row[0].strip("`") for row in rows(title)]
+
+
+def setting_row(name: str) -> str:
+    field = Settings.model_fields[name]
+    default = _OF_THE_MACHINE.get(name) or f"`{json.dumps(field.default, default=str)}`"
+    return f"| `{name}` | {default} | {_SPELT.get(name) or allowed(name)} | {field.description} |"
+
+
+def metric_row(name: str) -> str:
+    [metric] = [metric for metric in TABLE if metric.name == name]
+    labels = ", ".join(f"`{label}`" for label in metric.labels)
+    return f"| `{metric.name}` | {metric.type} | {labels} | {metric.help} |"
+
+
+@pytest.mark.parametrize("name", Settings.model_fields)
+def test_a_setting_is_told_as_it_is(name: str) -> None:
+    assert setting_row(name) in section("Settings").splitlines()
+
+
+@pytest.mark.parametrize("name", [metric.name for metric in TABLE])
+def test_a_metric_is_told_as_it_is(name: str) -> None:
+    assert metric_row(name) in section("Metrics").splitlines()
+
+
+@pytest.mark.parametrize(
+    ("title", "there"),
+    [
+        ("Settings", list(Settings.model_fields)),
+        ("Metrics", [metric.name for metric in TABLE]),
+        ("What becomes of a record", [outcome.label for outcome in Outcome]),
+        ("What is not in the journal", list(Reason)),
+        ("What an event says", list(Kind)),
+    ],
+)
+def test_a_table_tells_of_all_there_is_and_of_nothing_else(title: str, there: list[str]) -> None:
+    assert sorted(names(title)) == sorted(there)
+
+
+def test_every_reason_for_not_telling_is_explained() -> None:
+    config = BusConfig(
+        instance="i", mode="peer", connect=(), listen=(), options=None,
+        connect_timeout_s=1.0, block_timeout_s=1.0, alert_limit=1,
+    )  # fmt: skip
+    bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), Inbox(1, 1, lambda _: 1))
+    dropped = set(bus.dropped)
+    bus.close()
+    assert set(names("What is not told")) == dropped | {"rejected_copy_rate"}
+
+
+def test_every_rule_has_what_to_do() -> None:
+    text = section("When an alert fires")
+    assert re.findall(r"^### (\w+)$", text, re.MULTILINE) == RULES
+    for part in text.split("\n### ")[1:]:
+        assert "**Means**" in part
+        assert "**Do**" in part
+
+
+def test_every_topic_is_told_with_its_encoding() -> None:
+    keys = Keys("v2x", "<site>".strip("<>"))
+    told = {row[0].strip("`").replace("<site>", "site"): row[2].strip("`") for row in rows("Topics")}
+    assert told == {
+        keys.every_alert.replace("**", "<kind>/<suspect>"): encodings.EVENT_JSON,
+        keys.every_pair_state.replace("*", "<follower>"): encodings.PAIR_STATE_JSON,
+        keys.every_rejected.replace("*", "<reason>"): encodings.REJECTED_JSON,
+        keys.every_health.replace("*", "<instance>"): encodings.HEALTH_JSON,
+        keys.alerts: encodings.EVENTS_JSON,
+        keys.pairs: encodings.PAIR_STATES_JSON,
+        keys.every_liveliness.replace("*", "<instance>"): "",
+        keys.every_bsm.replace("**", "<sender>"): encodings.BSM_MSGPACK,
+    }
+
+
+def test_words_of_the_wire_are_those_of_the_guide() -> None:
+    text = section("For authors of dashboards")
+    for words in (Phase, Standing, AlertsQuery.model_fields):
+        for word in words:
+            assert f"`{word}`" in text
+
+
+def test_the_pages_that_the_guide_names_are_served() -> None:
+    told = set(re.findall(r"`GET (/\w*(?:/\{\w+\})?)`", section("For authors of dashboards")))
+
+    class NoFeed:
+        pass
+
+    served = {getattr(route, "path", "") for route in create_app(Hub(NoFeed(), ("s",))).routes}  # type: ignore[arg-type]
+    assert told
+    assert told <= served
+    assert set(Board().delta(0)) <= set(re.findall(r"`(\w+)`", section("For authors of dashboards")))
+
+
+def test_the_commands_that_the_guide_names_exist() -> None:
+    told = {tuple(words.split()[1:]) for words in re.findall(r"`(headway [a-z]+(?: [a-z]+)?)", GUIDE)}
+    groups = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for command, *of_command in told:
+        assert command in groups
+        assert set(of_command) <= set(getattr(groups[command], "commands", of_command))
+
+
+def test_links_lead_somewhere() -> None:
+    headings = re.findall(r"^#+ (.+)$", GUIDE, re.MULTILINE)
+    anchors = {re.sub(r"[^\w\- ]", "", heading).lower().replace(" ", "-") for heading in headings}
+    for target in re.findall(r"\]\(([^)]+)\)", GUIDE):
+        file, _, anchor = target.partition("#")
+        assert not file or (ROOT / "docs" / file).exists(), target
+        assert file or anchor in anchors, target
+
+
+def test_files_that_the_guide_names_exist() -> None:
+    for name in re.findall(r"`((?:deploy|docker|docs|schemas|tests)/[\w./-]+)`", GUIDE):
+        assert (ROOT / name).exists(), name
+
+
+@pytest.fixture
+def router() -> Iterator[str]:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    options = (ROOT / "deploy/zenoh/trial.json5").read_text().replace("tcp/[::]:7447", endpoint)
+    with zenoh.open(zenoh.Config.from_json5(options)):
+        yield endpoint
+
+
+def event(suspect: str) -> Event:
+    return Event(
+        event_id="e", phase=Phase.ONSET, kind=Kind.BIAS, sensor=Sensor.LOCATION, suspect=suspect, follower=suspect,
+        site="local", t_us=1, detected_us=2, model="headway", config_hash="h", latency_us={},
+    )  # fmt: skip
+
+
+def test_the_example_in_python_shows_the_history_and_what_is_new(
+    router: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    [example] = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
+    keys, service = Keys("v2x", "local"), zenoh.Config()
+    service.insert_json5("mode", '"client"')
+    service.insert_json5("connect/endpoints", json.dumps([router]))
+    shown: list[str] = []
+    with zenoh.open(service) as session:
+
+        def answer(query: zenoh.Query) -> None:
+            query.reply(keys.alerts, EVENTS.dump_json([event("old")]))
+            query.drop()
+
+        def tell_until_shown(_prompt: str) -> str:
+            def told() -> bool:
+                session.put(keys.alert("bias", "new"), event("new").model_dump_json())
+                shown.append(capsys.readouterr().out)
+                return "new" in "".join(shown)
+
+            until(told)
+            return ""
+
+        asked = session.declare_queryable(keys.alerts, answer)
+        monkeypatch.setattr("builtins.input", tell_until_shown)
+        assert "tcp/127.0.0.1:7447" in example
+        exec(compile(example.replace("tcp/127.0.0.1:7447", router), "example", "exec"), {})
+        asked.undeclare()
+    lines = "".join(shown).splitlines()
+    assert lines[0].split()[:3] == ["onset", "bias", "old"]
+    assert lines[-1].split()[:3] == ["onset", "bias", "new"]

@@ -1,0 +1,77 @@
+"""Whatever a vehicle sends, the model stays a set of probabilities and covariances, and finds back to the truth."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+
+from headway.core.bank import readings, verdicts
+from headway.core.config import DetectorConfig
+from headway.core.imm import HEADWAY, headway_params, step_row
+
+P = headway_params(DetectorConfig(alarm_budget_per_hour=0.1))
+AFTER = 600
+"""Honest readings, a minute, in whose last ten seconds all must be well: garbage teaches noise that is to be unlearnt."""
+
+interval_s = st.one_of(st.just(0.1), st.floats(1e-3, 6.0))
+location_m = st.one_of(st.floats(-1e6, 1e6), st.floats(-5.0, 5.0))
+speed_mps = st.one_of(st.floats(-10.0, 100.0), st.floats(9.0, 11.0))
+garbage = st.lists(st.tuples(interval_s, location_m, speed_mps), min_size=1, max_size=80)
+TRIANGLE = np.triu_indices(5)
+
+
+@njit
+def along(row, read, p, judged):
+    for k in range(read.size):
+        step_row(row, read[k], p, judged[k])
+
+
+def batch(sent):
+    made = readings(len(sent))
+    made["t_s"] = np.cumsum([interval for interval, _, _ in sent])
+    made["x_m"] = [x_m for _, x_m, _ in sent]
+    made["v_mps"] = [v_mps for _, _, v_mps in sent]
+    return made
+
+
+@settings(max_examples=400, deadline=None)
+@given(sent=garbage)
+def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
+    bank = np.zeros(1, HEADWAY)
+    for z in batch(sent):
+        verdict = verdicts(1)
+        step_row(bank[0], z, P, verdict[0])
+        row = bank[0]
+        assert abs(row["w"].sum() - 1.0) < 1e-8
+        assert row["w"].min() > 0.0
+        assert np.isfinite(row["M"]).all()
+        for m in row["M"]:
+            cov = np.zeros((5, 5))
+            cov[TRIANGLE] = m[5:]
+            cov = cov + np.triu(cov, 1).T
+            assert np.linalg.eigvalsh(cov[:3, :3]).min() > -1e-9 * max(1.0, np.abs(cov[:3, :3]).max())
+            assert min(cov[0, 0], cov[1, 1], cov[2, 2]) > 0.0
+        for name in ("nis", "statistic", "gate", "p_value", "x_m", "v_mps", "x_std_m", "v_std_mps", "confidence"):
+            assert np.isfinite(verdict[0][name]), name
+        assert verdict[0]["nis"] >= 0.0
+        assert 0.0 <= verdict[0]["p_value"] <= 1.0
+        assert 0.0 <= verdict[0]["confidence"] <= 1.0
+
+
+@settings(max_examples=300, deadline=None)
+@given(sent=garbage, seed=st.integers(0, 1000))
+def test_after_any_garbage_honest_readings_bring_it_back(sent, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    bank = np.zeros(1, HEADWAY)
+    read = batch(sent)
+    along(bank[0], read, P, verdicts(len(read)))
+    honest = readings(AFTER)
+    since = 0.1 * np.arange(1, AFTER + 1)
+    honest["t_s"] = read["t_s"][-1] + since
+    honest["x_m"] = 100.0 + 10.0 * since + rng.normal(0.0, 0.01, AFTER)
+    honest["v_mps"] = 10.0 + rng.normal(0.0, 0.01, AFTER)
+    judged = verdicts(AFTER)
+    along(bank[0], honest, P, judged)
+    assert not judged["anomalous"][-100:].any()
+    assert abs(judged["x_m"][-1] - (100.0 + 10.0 * since[-1])) < 0.5
+    assert abs(judged["v_mps"][-1] - 10.0) < 0.5
