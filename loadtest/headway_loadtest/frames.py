@@ -121,7 +121,9 @@ class SceneFrames:
         for drive in scene:
             told, labels = corrupt(drive, self._seed, self._inject)
             self.labels.extend(
-                replace(label, start_us=label.start_us + start_us, stop_us=label.stop_us + start_us) for label in labels
+                replace(label, start_us=label.start_us + start_us, stop_us=label.stop_us + start_us)
+                for label in labels
+                if label.start_us + start_us < 1e6 * self._seconds
             )
             yield told
 

@@ -175,7 +175,7 @@ def step(parts, h, z, r, q, walk, p):
     lively = healthy_prior.times(p.manoeuvre)
     jump = p.standstill_jump_mps**2 * np.exp(-0.5 * (lively.mean[1] / p.standstill_mps) ** 2)
     g = np.array([0.5 * h, 1.0, 0.0, 0.0, 0.0])
-    lively.cov = lively.cov + jerk_noise(h, q * (p.manoeuvre_jerk - 1.0)) + jump * np.outer(g, g)
+    lively.cov = lively.cov + jerk_noise(h, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least) + jump * np.outer(g, g)
     lively.cov[2, 2] += jump / h
     for sensor in (1, 0):
         calm, lively = (seen(part, sensor, False, z[sensor], r[sensor]) for part in (calm, lively))

@@ -14,6 +14,7 @@ BUDGET = Budget(
     prior_rate_per_hour=400.0,
     prior_peaks=20.0,
     hush_s=1.0,
+    memory_s=3600.0,
 )
 DT_S = 0.1
 
@@ -68,3 +69,13 @@ def test_the_mean_of_an_exponential_is_found_from_its_cut_part(mean: float) -> N
     drawn = np.random.default_rng(2).exponential(mean, 200_000)
     assert uncut_mean(drawn[drawn < 4.0].mean(), 4.0) == pytest.approx(mean, rel=0.02)
     assert uncut_mean(3.0, 4.0) < np.inf
+
+
+def test_what_was_learnt_fades_with_the_traffic_that_taught_it() -> None:
+    p = BUDGET._replace(memory_s=600.0)
+    rng = np.random.default_rng(3)
+    tail = np.zeros(1, TAIL)[0]
+    run(tail, excursions(rng, 1.0, 900.0, 1.2), p)
+    rough = gate(tail, p)
+    run(tail, excursions(rng, 1.0, 150.0, 0.8), p)
+    assert gate(tail, p) < rough - 1.0

@@ -15,7 +15,7 @@ from headway.core.replay import replay
 from headway.core.snapshot import whole
 from headway.core.turn import AnomalyEvent, Phase, Turn
 
-CONFIG = DetectorConfig(model="aekf", vehicle_capacity=16)
+CONFIG = DetectorConfig(model="aekf", vehicle_capacity=16, warming_readings=20)
 
 
 def step(engine: Engine, records: Batch) -> Turn:

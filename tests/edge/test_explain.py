@@ -26,7 +26,7 @@ from headway_schemas import Event
 from headway_schemas.event import Kind, Phase, Sensor
 from headway_schemas.history import EVENTS
 
-CONFIG = DetectorConfig(model="aekf", vehicle_capacity=8)
+CONFIG = DetectorConfig(model="aekf", vehicle_capacity=8, warming_readings=20)
 METRES_PER_DEGREE = 111_083.0
 IDENTITY = Identity(
     site="s", instance="i", version="1", model="aekf", config_hash="c0ffee",

@@ -15,7 +15,7 @@ from headway.edge.evidence import parameters
 from headway.edge.snapshot import Snapshots
 from headway.edge.vitals import Identity
 
-CONFIG = DetectorConfig(model="aekf", vehicle_capacity=100)
+CONFIG = DetectorConfig(model="aekf", vehicle_capacity=100, warming_readings=20)
 IDENTITY = Identity(
     site="s", instance="i", version="1", model="aekf", config_hash="c0ffee", parameters=parameters(CONFIG, "1", "abc")
 )

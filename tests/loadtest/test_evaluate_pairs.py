@@ -19,7 +19,7 @@ QUICK = PairsProtocol(models=("ca", "headway"), delays_s=(0.5,), severities=(1.0
 @pytest.fixture(scope="module")
 def pair_file(tmp_path_factory):
     """Two cars, ten minutes: the follower does what the leader did two seconds ago."""
-    t_s = 0.1 * np.arange(6001)
+    t_s = 0.1 * np.arange(6101)
     v = 11.0 + 3.0 * np.sin(0.11 * t_s) + 1.5 * np.sin(0.37 * t_s)
     x = np.r_[0.0, np.cumsum(0.05 * (v[1:] + v[:-1]))]
     late = 20

@@ -99,6 +99,12 @@ def test_seconds_cut_the_replay_short():
     assert max(t_us for _, t_us, _, _ in messages(frames)) < 1_000_000
 
 
+def test_what_is_cut_off_has_no_label():
+    _, source = played(SyntheticDrives(4, 60.0, 1), inject=Spec(kinds=(Kind.SHORT,), p=0.02), seconds=10.0)
+    assert source.labels
+    assert max(label.start_us for label in source.labels) < 10_000_000
+
+
 def test_labels_are_in_replay_time():
     frames, source = played(SyntheticDrives(4, 60.0, 1), inject=Spec(kinds=(Kind.SHORT,), p=0.01, c=9.0))
     times = {}

@@ -6,9 +6,9 @@ parameters of his own, a reaction delay, and an imperfection that wanders:
     a(t) = kappa (V(gap) - v) + lambda (v_leader - v) + w(t),    gap, v and v_leader as they were a reaction ago
     V(gap) = v_max (tanh((gap - s0) / b - c) + tanh(c)) / (1 + tanh(c)),    w an Ornstein-Uhlenbeck process
 
-The head of a platoon drives at a speed of its choice, which it changes now and then: free, slow, or standing. What they
-send is what real receivers gave: 0.008 m per reading between displacement and speed, speed noise 0.02 m/s, a constant
-speed offset of up to 0.05 m/s.
+The head of a platoon drives at a speed of its choice, which it changes now and then: free, slow, or standing; it gets
+there at a moderate rate. What they send is what real receivers gave: 0.008 m per reading between displacement and
+speed, speed noise 0.02 m/s, a constant speed offset of up to 0.05 m/s.
 """
 
 from collections.abc import Iterator
@@ -34,6 +34,10 @@ ACCEL_MIN_MPS2, ACCEL_MAX_MPS2 = -6.0, 2.5
 JERK_MPS3 = 5.0
 """No pedal moves faster: a driver who brakes in earnest takes half a second to do so."""
 BRAKE_GAP_M = 1.0
+HEAD_SPEEDS_MPS = (0.0, 6.0, 9.0, 12.0, 15.0, 17.0)
+HEAD_CHANGES_S = 15.0
+HEAD_RATES_MPS2 = (-2.0, 1.3)
+HEAD_GAIN_HZ = 0.8
 IMPERFECTION_MPS2, IMPERFECTION_S = 0.15, 5.0
 POSITION_STEP_M, POSITION_MEMORY_S = 0.008, 30.0
 SPEED_NOISE_MPS, SPEED_OFFSET_MPS = 0.02, 0.05
@@ -106,6 +110,7 @@ class Fleet:
         head_m = np.maximum.accumulate(np.where(self._is_head, back_m, 0.0))
         self._x_m = PLATOON * 40.0 - (back_m - head_m)
         self._v_mps = v_mps
+        self._goal_mps = v_mps.copy()
         self._wish_mps = v_mps.copy()
         self._accel_mps2 = np.zeros(n)
         self._imperfection_mps2 = np.zeros(n)
@@ -142,11 +147,17 @@ class Fleet:
         kick_mps2 = IMPERFECTION_MPS2 * np.sqrt(2 * decay)
         self._imperfection_mps2 += kick_mps2 * rng.standard_normal(n) - decay * self._imperfection_mps2
         accel = self._kappa * (wished_mps - v_mps) + self._lambda * closing_mps + self._imperfection_mps2
-        changing = self._is_head & (rng.random(n) < self._step_s / 15.0)
-        self._wish_mps[changing] = rng.choice([0.0, 6.0, 9.0, 12.0, 15.0, 17.0], int(changing.sum()))
-        accel = np.where(self._is_head, np.clip(0.5 * (self._wish_mps - self._v_mps), -2.0, 1.5), accel)
+        accel = np.where(self._is_head, HEAD_GAIN_HZ * (self._wish() - self._v_mps) + self._imperfection_mps2, accel)
         touching = ~self._is_head & (self._seen[now, 0] < BRAKE_GAP_M)
         return np.where(touching, ACCEL_MIN_MPS2, np.clip(accel, ACCEL_MIN_MPS2, ACCEL_MAX_MPS2))
+
+    def _wish(self) -> F64:
+        """(n,) speed that the head of a platoon is after at the moment; of no account for the others."""
+        changing = self._is_head & (self._rng.random(len(self._goal_mps)) < self._step_s / HEAD_CHANGES_S)
+        self._goal_mps[changing] = self._rng.choice(HEAD_SPEEDS_MPS, int(changing.sum()))
+        slow, fast = HEAD_RATES_MPS2
+        self._wish_mps += np.clip(self._goal_mps - self._wish_mps, slow * self._step_s, fast * self._step_s)
+        return self._wish_mps
 
     def _read(self, accel_mps2: F64) -> Readings:
         rng, n = self._rng, len(self._v_mps)

@@ -11,7 +11,8 @@ of one; and only peaks within `span` of the level count, whose mean m is that of
 
     m = mean - span / (exp(span / mean) - 1)
 
-A prior worth `prior_peaks` excursions holds until the vehicle has shown its own.
+A prior worth `prior_peaks` excursions holds until the vehicle has shown its own, and what was learnt fades with
+`memory_s`, for traffic changes.
 """
 
 from math import exp, log
@@ -22,7 +23,7 @@ from numba import njit
 
 TAIL = np.dtype(
     [
-        ("peaks", "f8"),  # excursions learnt, each with its peak within `span`
+        ("peaks", "f8"),  # excursions learnt, each with its peak within `span`; like the next two, it fades
         ("excess", "f8"),  # sum of those peaks above the level
         ("exposure_s", "f8"),  # how long was listened
         ("mean", "f8"),  # of the exponential; 0 in a fresh row: the prior's
@@ -43,6 +44,7 @@ class Budget(NamedTuple):
     prior_rate_per_hour: float
     prior_peaks: float
     hush_s: float
+    memory_s: float
 
 
 @njit(cache=True)
@@ -88,7 +90,10 @@ def learn(tail: Any, log_odds: float, alarm: bool, dt_s: float, p: Budget) -> No
     if tail.hush_s > 0.0:
         tail.hush_s -= dt_s
         return
-    tail.exposure_s += dt_s
+    kept = 1.0 - dt_s / p.memory_s
+    tail.peaks *= kept
+    tail.excess *= kept
+    tail.exposure_s = kept * tail.exposure_s + dt_s
     if log_odds > p.level:
         tail.high = max(tail.high, log_odds - p.level)
     elif tail.high > 0.0:

@@ -65,7 +65,9 @@ class Hypotheses(NamedTuple):
     manoeuvre: float
     """Probability that a reading belongs to a manoeuvre."""
     manoeuvre_jerk: float
-    """Density of the jerk then, as a multiple of the calm one."""
+    """Density of the jerk then, as a multiple of the calm one,"""
+    manoeuvre_least: float
+    """and on top of that, m^2/s^5: whoever drove steadily for long brakes as hard as others do."""
     standstill_mps: float
     """Below about this speed it may seem to jump,"""
     standstill_jump_mps: float
@@ -225,7 +227,7 @@ def judge(
     w[BOTH] *= disregard(M[BOTH], SPEED, z[SPEED], r[SPEED], p.spread)
 
     copy(spare, m)
-    jolt(spare, dt_s, q * (p.manoeuvre_jerk - 1.0))
+    jolt(spare, dt_s, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least)
     jump(spare, dt_s, p.standstill_jump_mps**2 * exp(-0.5 * (m[V] / p.standstill_mps) ** 2))
     calm = prior[HEALTHY] * (1.0 - p.manoeuvre)
     lively = prior[HEALTHY] * p.manoeuvre

@@ -20,7 +20,7 @@ from headway.core.config import DetectorConfig
 from headway.core.diagnose import name_lie
 from headway.core.hypotheses import COUNT, HEALTHY, SCRATCH, Hypotheses, begin_all, judge
 from headway.core.motion import LOCATION, SIZE, SPEED, VV, XX, V, X, blend
-from headway.core.noise_levels import LEVELS, Levels, begin_levels, interrupt, learn_levels
+from headway.core.noise_levels import LEVELS, Levels, begin_levels, interrupt, learn_levels, step_size
 from headway.core.relent import relent
 
 TRUSTED = 0.9
@@ -52,6 +52,10 @@ class HeadwayParams(NamedTuple):
     wrong_most_s: float
     wrong_share: float
     """A sensor suspected for longer, or for more than this share of the time heard, is believed again (`relent`)."""
+    caution: float
+    """Added to the gate, as a multiple of the step that levels still take: what is not known yet is not judged hard."""
+    settled_readings: float
+    """Readings whose levels must be learnt before the tail of the log odds is."""
     max_gap_s: float
     warming_readings: int
 
@@ -64,6 +68,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             fault_s=1.0,
             manoeuvre=0.003,
             manoeuvre_jerk=300.0,
+            manoeuvre_least=1.0,
             standstill_mps=0.6,
             standstill_jump_mps=0.4,
             spread=0.3,
@@ -76,18 +81,22 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             x_std_m=0.02,
             v_std_mps=0.02,
             jerk=0.3,
-            walk=3e-4,
+            walk=1e-4,
             std_least=0.003,
             x_std_most_m=10.0,
             v_std_most_mps=3.0,
             jerk_least=0.001,
-            jerk_most=10.0,
+            jerk_most=2.0,
             walk_least=1e-10,
             walk_most=10.0,
-            slowest=0.04,
+            slowest=0.02,
             settling=0.1,
             sign_step=0.5,
-            scale_step=1e-4,
+            sign_slowest=0.005,
+            sign_share=0.2,
+            walk_seen=0.5,
+            walk_fade=0.01,
+            scale_step=5e-4,
             scale_most=0.1,
             moving_mps=3.0,
         ),
@@ -96,12 +105,15 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             level=-6.0,
             span=4.0,
             prior_mean=1.0,
-            prior_rate_per_hour=400.0,
+            prior_rate_per_hour=500.0,
             prior_peaks=100.0,
             hush_s=1.0,
+            memory_s=900.0,
         ),
         wrong_most_s=2.5,
         wrong_share=0.5,
+        caution=8.0,
+        settled_readings=100.0,
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
     )
@@ -156,7 +168,8 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     statistic = log((1.0 - row.w[HEALTHY] if row.w[HEALTHY] < 0.5 else row.w[1:].sum()) / row.w[HEALTHY])
     verdict.warming = row.count <= p.warming_readings
     verdict.statistic = statistic
-    verdict.gate = gate(row.tail, p.budget)
+    unsettled = step_size(row.levels, p.levels) - p.levels.slowest
+    verdict.gate = gate(row.tail, p.budget) + p.caution * unsettled
     verdict.anomalous = not verdict.warming and statistic > verdict.gate
     verdict.p_value = min(1.0, false_alarms_per_hour(row.tail, statistic, p.budget) * dt_s / 3600.0)
     if verdict.anomalous:
@@ -174,9 +187,9 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     nis = out[4] * out[0] ** 2 - 2.0 * out[3] * out[0] * out[1] + out[2] * out[1] ** 2
     verdict.nis = nis / (out[2] * out[4] - out[3] ** 2)
 
-    if not verdict.warming:
+    if not verdict.warming and row.levels.learnt > p.settled_readings:
         learn(row.tail, statistic, verdict.anomalous, dt_s, p.budget)
-    if dt_s > 0.0 and (verdict.warming or row.w[HEALTHY] > TRUSTED):
+    if dt_s > 0.0 and row.w[HEALTHY] > TRUSTED:
         learn_levels(row.levels, mean[V], out[0], out[1], out[2], out[4], p.levels)
     else:
         interrupt(row.levels)

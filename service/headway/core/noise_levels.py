@@ -51,6 +51,15 @@ class Levels(NamedTuple):
     settling: float
     """before, it is 1 / (1 + settling * readings)."""
     sign_step: float
+    """Part of a first step, on walk against location noise, that signs decide; it settles likewise,"""
+    sign_slowest: float
+    """to this step."""
+    sign_share: float
+    """Part of a step, on jerk against speed noise, that signs decide."""
+    walk_seen: float
+    """Walk per second, as a share of the variance of the location, below which signs cannot tell it from none;"""
+    walk_fade: float
+    """then it shrinks by this on the logarithm with each reading."""
     scale_step: float
     """Step of `scale`, as a share of the one on the logarithms."""
     scale_most: float
@@ -66,6 +75,12 @@ def begin_levels(levels: Any, p: Levels) -> None:
     levels.scale = 0.0
     levels.learnt = 0.0
     interrupt(levels)
+
+
+@njit(cache=True)
+def step_size(levels: Any, p: Levels) -> float:
+    """Return how far, on a logarithm, one reading may move a level."""
+    return float(max(p.slowest, 1.0 / (1.0 + p.settling * levels.learnt)))
 
 
 @njit(cache=True)
@@ -86,16 +101,18 @@ def errors(levels: Any, sensor: int, nu: float, s: float, sign_step: float) -> t
 @njit(cache=True)
 def learn_levels(levels: Any, v_mps: float, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: Levels) -> None:
     """Take the innovation of a reading that is taken for healthy, with its variances."""
-    step = max(p.slowest, 1.0 / (1.0 + p.settling * levels.learnt))
+    step = step_size(levels, p)
+    turn = max(p.sign_slowest, p.sign_step / (1.0 + p.settling * levels.learnt)) / step
     levels.learnt += 1.0
-    x_wide, x_lag = errors(levels, LOCATION, nu_x, s_xx, p.sign_step)
-    v_wide, v_lag = errors(levels, SPEED, nu_v, s_vv, p.sign_step)
+    x_wide, x_lag = errors(levels, LOCATION, nu_x, s_xx, turn)
+    v_wide, v_lag = errors(levels, SPEED, nu_v, s_vv, p.sign_share)
     levels.r[LOCATION] = bounded(levels.r[LOCATION] * exp(step * (x_wide - x_lag)), p.std_least**2, p.x_std_most_m**2)
     levels.r[SPEED] = bounded(levels.r[SPEED] * exp(step * (v_wide - v_lag)), p.std_least**2, p.v_std_most_mps**2)
     levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), p.jerk_least, p.jerk_most)
     if v_mps > p.moving_mps:
         rescale(levels, copysign(step * p.scale_step, nu_x), p)
-    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag)), p.walk_least, p.walk_most)
+    fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
+    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), p.walk_least, p.walk_most)
 
 
 @njit(cache=True)

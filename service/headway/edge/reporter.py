@@ -16,7 +16,7 @@ from headway.edge.outgoing import rss_mb, state_messages
 from headway.edge.ports import Bus, Channel, Query
 from headway.edge.vitals import Identity, Vitals
 from headway_schemas import Health
-from headway_schemas.encodings import PAIR_STATE_JSON
+from headway_schemas.encodings import PAIR_STATES_JSON
 from headway_schemas.keys import Keys
 
 _SLICES: Final = 64
@@ -107,7 +107,7 @@ class Reporter:
         for part in range(_SLICES):
             told += map(encode, state_messages(self._engine.states(_SLICES, part), self._identity.site))
             yield
-        query.answer(b"[" + b",".join(told) + b"]", PAIR_STATE_JSON)
+        query.answer(b"[" + b",".join(told) + b"]", PAIR_STATES_JSON)
 
     def _health(self) -> Health:
         identity, ledger = self._identity, self._ledger

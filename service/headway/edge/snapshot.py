@@ -1,14 +1,15 @@
 """What the detector knows, on disk: a service that is started again goes on with the vehicles it knew.
 
-The state is copied a slice in each turn, so that no turn takes long, and written by a thread of its own. The file is a
-checksum, a line of JSON, and the tables as they are in memory: only the same core in the same configuration reads it.
+The state is copied a slice in each turn, so that no turn takes long, and written by a thread of its own. The file holds
+lines of JSON and the tables as they are in memory: only the same core in the same configuration reads it.
 """
 
 import json
 import os
 import sys
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
 
@@ -25,6 +26,8 @@ from headway.edge.vitals import Identity
 _SLICES: Final = 64
 _CLOSE_S: Final = 5.0
 _FORMAT: Final = 1
+_CHECKSUM: Final = 8
+"""Hexadecimal digits at the end of the file."""
 
 _log: Final = structlog.get_logger(__name__)
 
@@ -85,7 +88,7 @@ class Snapshots:
 
     def _write(self, parts: list[Snapshot]) -> None:
         try:
-            _write(self._path, self._maker(), whole(parts))
+            _write(self._path, self._maker(), parts)
         except OSError as error:
             self.failed += 1
             if self.trouble is None:
@@ -101,49 +104,54 @@ class Snapshots:
         return {"format": _FORMAT, "site": identity.site, "byteorder": sys.byteorder, **identity.parameters}
 
 
-def _write(path: Path, maker: dict[str, float | str], snapshot: Snapshot) -> None:
-    """Replace the file, so that there is a whole one at any time: checksum, header, tables."""
-    header = {
-        "maker": maker,
-        "ids": snapshot.ids,
-        "rows": snapshot.rows.tolist(),
-        "events": snapshot.events,
-        "link_events": snapshot.link_events,
-        "misses": snapshot.misses,
-    }
-    chunks = [json.dumps(header).encode() + b"\n", *(table.tobytes() for table in snapshot.tables.values())]
-    checksum = 0
-    for chunk in chunks:
-        checksum = zlib.crc32(chunk, checksum)
+def _write(path: Path, maker: dict[str, float | str], parts: Sequence[Snapshot]) -> None:
+    """Replace the file, so that there is a whole one at any time.
+
+    Part by part and without copies: the loop is held up by as much as this thread does in one piece.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_name(path.name + ".new")
+    checksum = 0
     with fresh.open("wb") as file:
-        file.write(b"%08x\n" % checksum)
-        file.writelines(chunks)
+        for chunk in _chunks(maker, parts):
+            checksum = zlib.crc32(chunk, checksum)
+            file.write(chunk)
+        file.write(b"%08x" % checksum)
         file.flush()
         os.fsync(file.fileno())
     fresh.replace(path)
 
 
+def _chunks(maker: dict[str, float | str], parts: Sequence[Snapshot]) -> Iterator[bytes | memoryview]:
+    yield json.dumps({"maker": maker, "parts": len(parts)}).encode() + b"\n"
+    for part in parts:
+        beside = {name: getattr(part, name) for name in ("ids", "events", "link_events", "misses")}
+        yield json.dumps({"rows": part.rows.tolist(), **beside}).encode() + b"\n"
+        for table in part.tables.values():
+            yield table.view(np.uint8).data
+
+
 def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
     """Read what `_write` wrote; `tables` show the types. Raises `OSError`, or `ValueError` where it does not fit."""
-    checksum, _, rest = path.read_bytes().partition(b"\n")
-    if checksum != b"%08x" % zlib.crc32(rest):
+    content = path.read_bytes()
+    if content[-_CHECKSUM:] != b"%08x" % zlib.crc32(memoryview(content)[:-_CHECKSUM]):
         raise ValueError("damaged")
-    line, _, body = rest.partition(b"\n")
-    header = json.loads(line)
+    file = BytesIO(content)
+    header = json.loads(file.readline())
     other = sorted(name for name in maker.keys() | header["maker"] if maker.get(name) != header["maker"].get(name))
     if other:
         raise ValueError(f"made with another {', '.join(other)}")
-    rows, offset, read = np.array(header["rows"], np.int64), 0, {}
-    for name, like in tables.items():
-        read[name] = np.frombuffer(body, like.dtype, rows.size, offset)
-        offset += read[name].nbytes
+    return whole([_read_part(file, tables) for _ in range(header["parts"])])
+
+
+def _read_part(file: BytesIO, tables: Mapping[str, NDArray[Any]]) -> Snapshot:
+    beside = json.loads(file.readline())
+    rows = np.array(beside["rows"], np.int64)
     return Snapshot(
         rows=rows,
-        ids=header["ids"],
-        tables=read,
-        events=[OpenEvent(*event) for event in header["events"]],
-        link_events=[OpenEvent(*event) for event in header["link_events"]],
-        misses=[OpenMiss(*miss) for miss in header["misses"]],
+        ids=beside["ids"],
+        tables={name: np.frombuffer(file.read(rows.size * t.itemsize), t.dtype) for name, t in tables.items()},
+        events=[OpenEvent(*event) for event in beside["events"]],
+        link_events=[OpenEvent(*event) for event in beside["link_events"]],
+        misses=[OpenMiss(*miss) for miss in beside["misses"]],
     )

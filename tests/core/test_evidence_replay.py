@@ -14,7 +14,7 @@ from headway.core.records import Kind, Records, Sensor
 from headway.core.replay import bank_row, replay
 from headway.core.turn import AnomalyEvent, Phase
 
-CONFIG = DetectorConfig(model="aekf", vehicle_capacity=8)
+CONFIG = DetectorConfig(model="aekf", vehicle_capacity=8, warming_readings=20)
 
 
 def said_in_a_drive(config: DetectorConfig, seed: int) -> list[AnomalyEvent]:
