@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from headway.core import silence
+from headway.core import silence, tracks
 from headway.core.records import Kind
 from headway.core.turn import Phase
 from headway.core.vehicles import VehicleTable
@@ -11,8 +11,7 @@ S = 1_000_000
 
 
 def test_never_before_600_ms_and_never_before_three_intervals() -> None:
-    limit = silence.limit_us(np.array([0.1, 0.2, 0.5]), 0.6)
-    assert limit.tolist() == [600_000, 600_000, 1_500_000]
+    assert [silence.limit_us(interval_s, 0.6) for interval_s in (0.1, 0.2, 0.5)] == [600_000, 600_000, 1_500_000]
 
 
 def test_leader_and_follower_are_each_others_witness() -> None:
@@ -21,11 +20,36 @@ def test_leader_and_follower_are_each_others_witness() -> None:
     assert witness.tolist() == [200, 300, 200]
 
 
+def silent(heard_us: list[int]) -> np.ndarray:
+    """Tracks of vehicles at 10 Hz, well known, last heard then."""
+    known = tracks.new_tracks(len(heard_us))
+    known["received_us"], known["t_us"] = heard_us, heard_us
+    known["count"], known["interval_s"] = 100, 0.1
+    return known
+
+
 def test_late_only_while_a_neighbour_is_still_heard() -> None:
-    now = 10 * S
-    heard = np.array([9 * S, 9 * S, int(9.9 * S)])
-    witness = np.array([now, 9 * S, now])
-    assert silence.late(now, heard, witness, np.full(3, 600_000)).tolist() == [True, False, False]
+    known = silent([9 * S, 9 * S, int(9.9 * S), 9 * S])
+    leaders = np.array([2, 3, -1, -1])
+    late = silence.late(known, np.arange(4), leaders, np.zeros(4, np.bool_), 10 * S, 0.6, 30)
+    assert late.tolist() == [True, False, False, False]
+
+
+def test_neither_the_excused_nor_the_little_known_are_late() -> None:
+    known = silent([9 * S, 9 * S, int(9.9 * S)])
+    known["count"][1] = 30
+    leaders, excused = np.array([2, 2, -1]), np.array([True, False, False])
+    assert not silence.late(known, np.arange(3), leaders, excused, 10 * S, 0.6, 30).any()
+
+
+def test_renamed_is_who_began_since_where_the_silent_one_would_be() -> None:
+    known = silent([9 * S, int(9.5 * S), int(9.5 * S)])
+    known["v_mps"], known["heading_north"] = 20.0, 1.0
+    known["lat_deg"] = 42.0 + np.array([0.0, 10.0, 200.0]) / 111_000.0
+    first_heard = np.array([0, int(9.1 * S), int(9.1 * S)])
+    rows = np.arange(3)
+    assert silence.renamed(known, first_heard, 0, rows)
+    assert not silence.renamed(known, np.array([0, 8 * S, int(9.1 * S)]), 0, rows)
 
 
 def test_an_ear_that_heard_nobody_was_not_open() -> None:

@@ -89,7 +89,7 @@ def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams) -> None:
     Who knows the truth need not begin anew: the rejections are forgotten.
     """
     nu_x, nu_v, s_xx, s_xv, s_vv, _ = innovate(row, x_m, v_mps, p)
-    update(row, nu_x, nu_v, s_xx, s_xv, s_vv)
+    update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p)
     row.s[0] = x_m - row.s[2] if row.s.size == 3 else x_m
     row.s[1] = v_mps
     row.rejections = 0

@@ -23,6 +23,11 @@ def readings(count: int) -> Records:
     return made
 
 
+def wipe(bank: Records, rows: "np.ndarray[Any, np.dtype[np.int64]]") -> None:
+    """Set the `rows` to zeros, as bytes: numpy would go through a record field by field."""
+    bank.view(np.uint8).reshape(bank.size, -1)[rows] = 0
+
+
 def verdicts(count: int) -> Records:
     """Return room for `count` verdicts."""
     return np.zeros(count, VERDICT)

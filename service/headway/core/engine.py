@@ -7,26 +7,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headway.core import bank as banks
-from headway.core import neighbours, pairing, silence, tracks
+from headway.core import neighbours, pairing, settle, silence, tracks
 from headway.core.batch import I64, Batch
 from headway.core.config import DetectorConfig
 from headway.core.events import EventLog
 from headway.core.evidence import EvidenceStore
 from headway.core.gather import gather
-from headway.core.geometry import metres_per_degree
 from headway.core.judges import judges
 from headway.core.link import LINK_VERDICT, link_said, standing, step_links
+from headway.core.order import refuse_by_age, waves
 from headway.core.outcome import Outcome
-from headway.core.records import Kind, Records, Sensor
+from headway.core.records import Records
 from headway.core.snapshot import Snapshot
 from headway.core.turn import AnomalyEvent, PairStates, Turn
 from headway.core.vehicles import VehicleTable
 
+_SCORED = np.uint8(Outcome.SCORED)
+"""As numpy's own number it is compared ten times faster."""
+
 HOUSEKEEPING_US = 100_000
 """How often silence and forgetting are looked at."""
-
-RENAMED_WITHIN_M, RENAMED_SHARE = 5.0, 0.2
-"""A new vehicle this near to where a silent one would be (plus a share of the way it may have gone) is that vehicle."""
 
 
 @dataclass(slots=True)
@@ -62,8 +62,10 @@ class Engine:
         self._events = EventLog(self._vehicles, self._evidence, capacity)
         self._link_events = EventLog(self._vehicles, self._evidence, capacity, suffix="-link")
         self._misses = silence.MissLog(self._vehicles, capacity)
+        self._seen = np.zeros(capacity, np.int64)
         self._ear = silence.Ear()
         self._first_heard_us = np.zeros(capacity, np.int64)
+        self._renamed_us = np.zeros(capacity, np.int64)
         self._restored_us = 0
         self._kept_house_us = 0
 
@@ -87,24 +89,25 @@ class Engine:
 
         The order of the records within a batch is of no account: they are taken by event time.
         """
-        outcomes = np.full(len(batch), Outcome.SCORED, np.uint8)
+        outcomes = np.empty(len(batch), np.uint8)
         tally = _Tally([], [])
-        age_us = batch.received_us - batch.t_us
-        outcomes[age_us > self._config.max_age_s * 1e6] = Outcome.TOO_OLD
-        outcomes[age_us < -self._config.max_ahead_s * 1e6] = Outcome.FROM_THE_FUTURE
-        rows = self._rows(batch, outcomes)
-        taken = np.flatnonzero(outcomes == Outcome.SCORED)
-        order = taken[np.lexsort((rows[taken], batch.t_us[taken]))]
-        self._ear.hear(batch.received_us)
-        for wave in _waves(rows, order):
-            self._wave(batch, rows, wave, now_us, outcomes, tally)
+        if len(batch):
+            max_age_us, max_ahead_us = self._config.max_age_s * 1e6, self._config.max_ahead_s * 1e6
+            refuse_by_age(batch.t_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
+            rows = self._rows(batch, outcomes)
+            declared = self._declared(batch)
+            self._ear.hear(batch.received_us)
+            order, nth, count = waves(rows, batch.t_us, outcomes, self._seen)
+            for n in range(count):
+                wave = order if count == 1 else order[nth == n]
+                self._wave(batch, rows, declared, wave, now_us, outcomes, tally)
         if now_us - self._kept_house_us >= HOUSEKEEPING_US:
             self._kept_house_us = now_us
             self._keep_house(now_us, tally)
         return Turn(
             outcomes=outcomes,
             events=tally.events,
-            nis=np.concatenate(tally.nis) if tally.nis else np.empty(0),
+            nis=np.concatenate([np.empty(0), *tally.nis]),
             anomalous=tally.anomalous,
             missed_messages=tally.missed_messages,
             repairs=tally.repairs,
@@ -116,18 +119,36 @@ class Engine:
     def _rows(self, batch: Batch, outcomes: NDArray[np.uint8]) -> I64:
         """Return (B,) rows, giving one to each new vehicle; who finds no room is `TABLE_FULL`."""
         rows = self._vehicles.rows(batch.ids)
-        strangers = np.flatnonzero((rows < 0) & (outcomes == Outcome.SCORED))
+        if rows.min() >= 0:
+            return rows
+        strangers = np.flatnonzero((rows < 0) & (outcomes == _SCORED))
         if strangers.size:
             admitted = self._vehicles.admit({batch.ids[i] for i in strangers})
             self._first_heard_us[admitted] = batch.received_us[strangers].min()
             rows = self._vehicles.rows(batch.ids)
-            outcomes[(rows < 0) & (outcomes == Outcome.SCORED)] = Outcome.TABLE_FULL
+            outcomes[(rows < 0) & (outcomes == _SCORED)] = Outcome.TABLE_FULL
         return rows
 
+    def _declared(self, batch: Batch) -> I64:
+        """Return (B,) the row of the leader that each record names, NOBODY for none known."""
+        if any(batch.leader_ids):
+            return self._vehicles.rows(batch.leader_ids)
+        return np.full(len(batch), pairing.NOBODY)
+
     def _wave(
-        self, batch: Batch, all_rows: I64, wave: I64, now_us: int, outcomes: NDArray[np.uint8], tally: _Tally
+        self,
+        batch: Batch,
+        all_rows: I64,
+        declared: I64,
+        wave: I64,
+        now_us: int,
+        outcomes: NDArray[np.uint8],
+        tally: _Tally,
     ) -> None:
-        """Take records of distinct vehicles through tracks, filter, pairing and events."""
+        """Take records of distinct vehicles through tracks, filter, pairing and events.
+
+        `wave` are their places in the batch and in `all_rows`, `declared` and `outcomes`, which are of all of it.
+        """
         rows = all_rows[wave]
         heard_us, before_us = self._tracks["received_us"][rows], self._tracks["t_us"][rows]
         outcome = np.empty(rows.size, np.uint8)
@@ -150,14 +171,14 @@ class Engine:
             missed,
             began,
         )
-        outcomes[wave] = outcome
-        self._bank[rows[began]] = 0
-        self._evidence.forget(rows[began])
+        if began.any():
+            self._wipe(rows[began])
         tally.missed_messages += int(missed.sum())
-        ok = outcome == Outcome.SCORED
-        wave, rows, silent_us, heard_us = wave[ok], rows[ok], (batch.t_us[wave] - before_us)[ok], heard_us[ok]
+        ok = outcome == _SCORED
+        if not ok.all():
+            outcomes[wave] = outcome
+            wave, rows, before_us, heard_us, outcome = wave[ok], rows[ok], before_us[ok], heard_us[ok], outcome[ok]
 
-        declared = self._vehicles.rows([batch.leader_ids[i] or "" for i in wave])
         readings, leaders = banks.readings(rows.size), np.empty(rows.size, np.int64)
         gather(
             self._tracks,
@@ -172,61 +193,69 @@ class Engine:
             readings,
             leaders,
         )
-        verdicts = banks.verdicts(rows.size)
+        verdicts, links = banks.verdicts(rows.size), np.zeros(rows.size, LINK_VERDICT)
         self._evidence.remember(self._bank, rows, readings, leaders)
         self._model.step_batch(self._bank["model"], rows, readings, self._model.params, verdicts)
-        self._verdicts[rows] = verdicts
-        self._judged_t_s[rows] = readings["t_s"]
-
-        located = (verdicts["sensor"] & int(Sensor.LOCATION)) == 0
+        located = np.empty(rows.size, np.bool_)
+        settle.keep(rows, readings, verdicts, self._verdicts, self._judged_t_s, located)
         tracks.leave_crumb(self._tracks, rows, located, verdicts["v_mps"])
         tally.leader_changes += pairing.look(
             self._tracks,
             self._pairing,
             self._grid,
             rows,
-            declared,
+            declared[wave],
             now_us,
             self._config.pairing_range_m,
             self._config.lane_width_m,
             np.empty(rows.size, np.bool_),
         )
 
-        outcomes[wave[verdicts["warming"]]] = Outcome.WARMING
-        tally.nis.append(verdicts["nis"][~verdicts["warming"]])
-        tally.anomalous += int(verdicts["anomalous"].sum())
-        tally.repairs += int(verdicts["repaired"].sum())
-        tally.restarts += int(verdicts["restarted"].sum())
+        step_links(self._bank["link"], rows, leaders, standing(readings, verdicts), self._link_params, links)
         t_us, received_us = batch.t_us[wave], batch.received_us[wave]
-        tally.events += self._events.judge(rows, rows, leaders, t_us, received_us, verdicts)
-        self._judge_links(rows, leaders, readings, verdicts, t_us, received_us, tally)
-        self._heard_again(rows, leaders, silent_us, heard_us, t_us, received_us, tally)
+        marks = np.empty(rows.size, np.uint8)
+        settled = settle.settle(
+            self._tracks,
+            rows,
+            verdicts,
+            links,
+            t_us - before_us,
+            self._config.miss_after_s,
+            self._config.warming_readings,
+            self._events.active,
+            self._link_events.active,
+            self._misses.active,
+            outcome,
+            marks,
+        )
+        outcomes[wave] = outcome
+        tally.nis.append(verdicts["nis"][outcome == _SCORED])
+        tally.anomalous += settled.anomalous
+        tally.repairs += settled.repairs
+        tally.restarts += settled.restarts
+        if settled.marks & settle.FILTER:
+            at = np.flatnonzero(marks & settle.FILTER)
+            row = rows[at]
+            tally.events += self._events.judge(row, row, leaders[at], t_us[at], received_us[at], verdicts[at])
+        if settled.marks & settle.LINK:
+            at = np.flatnonzero(marks & settle.LINK)
+            self._judge_links(rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], links[at], tally)
+        if settled.marks & settle.BACK:
+            at = np.flatnonzero(marks & settle.BACK)
+            self._heard_again(rows[at], leaders[at], heard_us[at], t_us[at], received_us[at], tally)
 
     def _judge_links(
-        self, rows: I64, leaders: I64, readings: Records, verdicts: Records, t_us: I64, received_us: I64, tally: _Tally
+        self, rows: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records, links: Records, tally: _Tally
     ) -> None:
-        """Test what the filter left standing of each reading against the car ahead; events name the suspect."""
-        links = np.zeros(rows.size, LINK_VERDICT)
-        step_links(self._bank["link"], rows, leaders, standing(readings, verdicts), self._link_params, links)
-        concerned = np.flatnonzero((links["kind"] != Kind.NONE) | self._link_events.active[rows])
-        if not concerned.size:
-            return
-        said, odds = link_said(links[concerned], verdicts[concerned]), links["follower_log_odds"][concerned]
-        rows, leaders = rows[concerned], leaders[concerned]
+        """Tell of pairs that the link tests speak of, or did until now; events name the suspect."""
+        said, odds = link_said(links, verdicts), links["follower_log_odds"]
         suspects = np.where((odds < 0.0) & (leaders >= 0), leaders, rows)
         tally.anomalous += int(said["anomalous"].sum())
-        tally.events += self._link_events.judge(rows, suspects, leaders, t_us[concerned], received_us[concerned], said)
+        tally.events += self._link_events.judge(rows, suspects, leaders, t_us, received_us, said)
 
-    def _heard_again(
-        self, rows: I64, leaders: I64, silent_us: I64, heard_us: I64, t_us: I64, received_us: I64, tally: _Tally
-    ) -> None:
-        """End the misses of vehicles that are back, and state those that no neighbour could bear witness to.
-
-        `silent_us` (B,) is the step in event time that brought each vehicle back.
-        """
-        limit = silence.limit_us(self._tracks["interval_s"][rows], self._config.miss_after_s)
-        known = self._tracks["count"][rows] > self._config.warming_readings
-        for i in np.flatnonzero(self._misses.active[rows] | (known & (silent_us > limit))):
+    def _heard_again(self, rows: I64, leaders: I64, heard_us: I64, t_us: I64, received_us: I64, tally: _Tally) -> None:
+        """End the misses of vehicles that are back, and state those that no neighbour could bear witness to."""
+        for i in range(rows.size):
             row, leader = int(rows[i]), int(leaders[i])
             if not self._misses.active[row]:
                 if not self._ear.was_open(int(heard_us[i]), int(received_us[i])):
@@ -239,45 +268,38 @@ class Engine:
         rows = np.flatnonzero(self._vehicles.in_use)
         heard_us = self._tracks["received_us"]
         leaders = self._leaders(rows)
-        witness_us = silence.last_witness_us(heard_us, rows, leaders)
-        limit = silence.limit_us(self._tracks["interval_s"][rows], self._config.miss_after_s)
-        late = silence.late(now_us, heard_us[rows], witness_us, limit)
-        late &= ~self._misses.active[rows] & (self._tracks["count"][rows] > self._config.warming_readings)
-        late &= heard_us[rows] >= self._restored_us
+        excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._restored_us)
+        limits = self._config.miss_after_s, self._config.warming_readings
+        late = silence.late(self._tracks, rows, leaders, excused, now_us, *limits)
         for i in np.flatnonzero(late):
             row = int(rows[i])
-            if not self._renamed(row, rows):
+            if silence.renamed(self._tracks, self._first_heard_us, row, rows):
+                self._renamed_us[row] = heard_us[row]
+            else:
                 t_us = int(self._tracks["t_us"][row])
                 tally.events.append(self._misses.begin(row, int(leaders[i]), t_us, int(heard_us[row])))
         gone = rows[now_us - heard_us[rows] > self._config.forget_after_s * 1e6]
-        for row in gone:
-            self._forget(int(row), tally)
+        if gone.size:
+            self._forget(gone, tally)
 
-    def _renamed(self, row: int, rows: I64) -> bool:
-        """Whether a vehicle that began since is where this one would be by now: a change of pseudonym, not a miss."""
-        track = self._tracks[row]
-        fresh = rows[self._first_heard_us[rows] > track["received_us"]]
-        others = self._tracks[fresh]
-        east_per_deg, north_per_deg = metres_per_degree(float(track["lat_deg"]))
-        ahead_m = track["v_mps"] * 1e-6 * (others["t_us"] - track["t_us"])
-        east_m = (others["lon_deg"] - track["lon_deg"]) * east_per_deg - ahead_m * track["heading_east"]
-        north_m = (others["lat_deg"] - track["lat_deg"]) * north_per_deg - ahead_m * track["heading_north"]
-        off_m = np.hypot(east_m, north_m)
-        return bool((off_m < RENAMED_WITHIN_M + RENAMED_SHARE * np.abs(ahead_m)).any())
+    def _forget(self, rows: I64, tally: _Tally) -> None:
+        """Free these rows everywhere."""
+        for row in rows.tolist():
+            if self._misses.active[row]:
+                track = self._tracks[row]
+                tally.events.append(self._misses.end(row, -1, int(track["t_us"]), int(track["received_us"])))
+            self._events.drop(row)
+            self._link_events.drop(row)
+            self._vehicles.forget(row)
+        tracks.forget(self._tracks, rows)
+        self._wipe(rows)
+        banks.wipe(self._verdicts, rows)
+        tally.forgotten += rows.size
 
-    def _forget(self, row: int, tally: _Tally) -> None:
-        """Free a row everywhere."""
-        if self._misses.active[row]:
-            track = self._tracks[row]
-            tally.events.append(self._misses.end(row, -1, int(track["t_us"]), int(track["received_us"])))
-        self._events.drop(row)
-        self._link_events.drop(row)
-        tracks.forget(self._tracks, np.array([row]))
-        self._evidence.forget(np.array([row]))
-        self._bank[row] = 0
-        self._verdicts[row] = 0
-        self._vehicles.forget(row)
-        tally.forgotten += 1
+    def _wipe(self, rows: I64) -> None:
+        """Let what is known of each vehicle as a row of the bank begin anew."""
+        banks.wipe(self._bank, rows)
+        self._evidence.forget(rows)
 
     def _leaders(self, rows: I64) -> I64:
         """Return (B,) the row of each one's leader, NOBODY for none."""
@@ -368,21 +390,6 @@ class Engine:
         other = Engine(replace(self._config, vehicle_capacity=2))
         for k in range(2):
             other.step(_example(k), now_us=1 + k * 100_000)
-
-
-def _waves(rows: I64, order: I64) -> list[I64]:
-    """Split record indices, in order of event time, so that no vehicle occurs twice in one part."""
-    if not order.size:
-        return []
-    ordered = rows[order]
-    by_row = np.argsort(ordered, kind="stable")
-    grouped = ordered[by_row]
-    first = np.flatnonzero(np.r_[True, grouped[1:] != grouped[:-1]])
-    if first.size == order.size:
-        return [order]
-    nth = np.empty(order.size, np.int64)
-    nth[by_row] = np.arange(order.size) - np.repeat(first, np.diff(np.r_[first, order.size]))
-    return [order[nth == n] for n in range(int(nth.max()) + 1)]
 
 
 def _example(k: int) -> Batch:

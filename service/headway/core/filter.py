@@ -28,6 +28,8 @@ SUBSTEP_S = 0.1
 SUBSTEPS_MAX = 64
 P_FLOOR = 1e-6
 """Smallest eigenvalue that the guard leaves in P."""
+P_CEILING = 1e6
+"""Largest entry: a kilometre and a kilometre per second, squared."""
 
 LOCATION, SPEED, BOTH, NONE = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.BOTH), int(Sensor.NONE)
 
@@ -90,8 +92,15 @@ def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any
 
 @njit(cache=True)
 def guard(P: Any) -> bool:
-    """Make P symmetric and positive definite in place; return whether eigenvalues had to be lifted."""
+    """Make P symmetric and positive definite in place; return whether more than symmetry had to be mended.
+
+    A covariance that has outgrown `P_CEILING` (a long gap behind a very close leader) knows nothing: it begins anew.
+    """
     n = P.shape[0]
+    for entry in P.flat:
+        if not abs(entry) < P_CEILING:  # nor is infinity, nor what is no number
+            P[:, :] = P_CEILING * np.eye(n)
+            return True
     for a in range(n):
         for b in range(a):
             mean = 0.5 * (P[a, b] + P[b, a])
@@ -177,21 +186,28 @@ def observed_covariance(row: Any) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
+def schur(s_xx: float, s_xv: float, s_vv: float, r_v: float) -> float:
+    """Return the variance of the speed innovation given that of the location: at least r_v, whatever rounding says."""
+    return max(s_vv - s_xv**2 / s_xx, r_v)
+
+
+@njit(cache=True)
 def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> tuple[float, float, float, float, float, float]:
     """Return (nu_x, nu_v, S_xx, S_xv, S_vv, nis) of a reading against the prediction in the row."""
     x, v = observed(row)
     c_xx, c_xv, c_vv = observed_covariance(row)
     s_xx, s_xv, s_vv = c_xx + p.r_x, c_xv, c_vv + p.r_v
     nu_x, nu_v = z_x - x, z_v - v
-    nis = (s_vv * nu_x**2 - 2.0 * s_xv * nu_x * nu_v + s_xx * nu_v**2) / (s_xx * s_vv - s_xv**2)
+    unshared = (nu_v - s_xv / s_xx * nu_x) ** 2 / schur(s_xx, s_xv, s_vv, p.r_v)
+    nis = nu_x**2 / s_xx + unshared
     return nu_x, nu_v, s_xx, s_xv, s_vv, nis
 
 
 @njit(cache=True)
-def update(row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float) -> bool:
+def update(row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams) -> bool:
     """K = P H' S^-1; s += K nu; P -= K S K'. Return whether the covariance guard had to act."""
     n = row.s.size
-    det = s_xx * s_vv - s_xv**2
+    det = s_xx * schur(s_xx, s_xv, s_vv, p.r_v)
     i_xx, i_xv, i_vv = s_vv / det, -s_xv / det, s_xx / det
     C = np.empty((n, 2))
     K = np.empty((n, 2))
@@ -263,7 +279,7 @@ def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
         if not verdict.anomalous:
             row.rejections = 0
             close(row.episode)
-            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv)
+            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p)
             if row.s.size == 3 and abs(row.s[2]) > p.delta_limit_m:
                 row.s[2] = 0.0
             push_own(row, z.t_s)

@@ -32,9 +32,9 @@ def gather(
 ) -> None:
     """Fill one READING for each of `rows` (B,), and the row of its leader (NOBODY: none).
 
-    `wave` (B,) are the places of the records in the batch's columns `range_m`, `range_rate_mps`. `judged_t_s` (C,) and
-    `verdicts` (C,) are each row's newest verdict and its event time. A declared range counts where it was measured to
-    the vehicle that is taken for the leader.
+    `wave` (B,) are their places in the batch's columns `declared_rows`, `range_m` and `range_rate_mps`. `judged_t_s`
+    (C,) and `verdicts` (C,) are each row's newest verdict and its event time. A declared range counts where it was
+    measured to the vehicle that is taken for the leader.
     """
     for i in range(rows.size):
         track, z = tracks[rows[i]], out_readings[i]
@@ -49,6 +49,6 @@ def gather(
         z.leader_x_m = verdicts[leader_row].x_m + pairing[rows[i]].offset_m
         z.leader_v_mps = verdicts[leader_row].v_mps
         z.leader_length_m = tracks[leader_row].length_m
-        if declared_rows[i] == leader_row:
+        if declared_rows[wave[i]] == leader_row:
             z.range_m = range_m[wave[i]]
             z.range_rate_mps = range_rate_mps[wave[i]]

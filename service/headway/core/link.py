@@ -41,6 +41,7 @@ LINK_VERDICT = np.dtype(
     align=True,
 )
 
+LOCATION, SPEED = int(Sensor.LOCATION), int(Sensor.SPEED)
 NONE, RESPONSE_KIND, RANGE_KIND = int(Kind.NONE), int(Kind.RESPONSE), int(Kind.RANGE)
 
 
@@ -113,12 +114,15 @@ def step_links(links: Any, rows: Any, leaders: Any, readings: Any, p: LinkParams
         verdict.follower_log_odds = link.log_odds
 
 
-def standing(readings: Records, verdicts: Records) -> Records:
+@njit(cache=True)
+def standing(readings: Any, verdicts: Any) -> Any:
     """Return the `readings` (B,) with recovered values in the place of those that the filter's `verdicts` reject."""
     stand = readings.copy()
-    false_x, false_v = verdicts["sensor"] & int(Sensor.LOCATION) != 0, verdicts["sensor"] & int(Sensor.SPEED) != 0
-    stand["x_m"][false_x] = verdicts["x_m"][false_x]
-    stand["v_mps"][false_v] = verdicts["v_mps"][false_v]
+    for i in range(readings.size):
+        if verdicts[i].sensor & LOCATION:
+            stand[i].x_m = verdicts[i].x_m
+        if verdicts[i].sensor & SPEED:
+            stand[i].v_mps = verdicts[i].v_mps
     return stand
 
 

@@ -24,6 +24,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from headway.core.bank import wipe
 from headway.core.batch import F64, I64
 from headway.core.geometry import displaced_deg, displacement_m
 from headway.core.outcome import Outcome
@@ -100,7 +101,7 @@ def new_tracks(capacity: int) -> Records:
 def forget(tracks: Records, rows: I64) -> None:
     """Free the rows. Their serial goes on, so that nobody takes the next vehicle there for this one."""
     serial = tracks["serial"][rows] + 1
-    tracks[rows] = np.zeros((), TRACK)
+    wipe(tracks, rows)
     tracks["serial"][rows] = serial
 
 

@@ -1,6 +1,8 @@
 """Which vehicle has which row: bounded, and rows of the forgotten are used again."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from itertools import repeat
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +25,10 @@ class VehicleTable:
         """Return how many vehicles are known."""
         return len(self.row_of)
 
-    def rows(self, ids: list[str]) -> I64:
-        """Return (B,) the row of each id; -1 where it has none."""
-        get = self.row_of.get
-        return np.array([get(i, -1) for i in ids], np.int64)
+    def rows(self, ids: Sequence[str | None]) -> I64:
+        """Return (B,) the row of each id; -1 where it has none, and for None."""
+        get: Callable[[Any, int], int] = self.row_of.get
+        return np.fromiter(map(get, ids, repeat(-1)), np.int64, len(ids))
 
     def admit(self, ids: Iterable[str]) -> list[int]:
         """Give a row to each new id, in sorted order so that the order of arrival is of no account.
