@@ -295,6 +295,42 @@ def paper(
     raise typer.Exit(evaluate_paper(leader, protocol, as_json=as_json, out=out))
 
 
+@evaluate_app.command()
+def pairs(
+    paths: Annotated[list[Path], typer.Argument(help="Pair CSV files, or folders of them; a folder is a set.")],
+    models: Annotated[str, typer.Option(help="Models, apart by commas.")] = "ca,ekf,aekf,headway",
+    delay: Annotated[str, typer.Option(help="Delays, s, apart by commas.")] = "0,0.5,1.5",
+    severity: Annotated[str, typer.Option(help="Variances of the anomalies, apart by commas.")] = "1,0.5,0.1",
+    kinds: Annotated[str, typer.Option(help="all, or kinds apart by commas.")] = "all",
+    runs: Annotated[int, typer.Option(min=1, max=100, help="Drives of each pair.")] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")] = 0,
+    budget: Annotated[float, typer.Option(help="False alarms per pair and hour.")] = 1.0,
+    out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report with figures.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Run every model on real pairs with injected anomalies, and the consistent liars."""
+    from headway_loadtest.evaluate.pairs import PairsProtocol
+    from headway_loadtest.evaluate.pairs_command import evaluate_pairs
+
+    protocol = PairsProtocol(
+        models=tuple(models.split(",")),
+        delays_s=_numbers("--delay", delay),
+        severities=_numbers("--severity", severity),
+        kinds=tuple(kinds.split(",")),
+        runs=runs,
+        seed=seed,
+        budget_per_hour=budget,
+    )
+    raise typer.Exit(evaluate_pairs(paths, protocol, as_json=as_json, out=out))
+
+
+def _numbers(option: str, text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(word) for word in text.split(","))
+    except ValueError:
+        raise UserError(f"{option} takes numbers apart by commas, not '{text}'") from None
+
+
 @config_app.command()
 def show(config: ConfigFile = None, as_json: AsJson = False) -> None:
     """Print the effective settings and where each comes from."""

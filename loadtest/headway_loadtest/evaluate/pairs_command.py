@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from headway.core.models import MODELS
+from headway_loadtest.evaluate.liars import run_liars
 from headway_loadtest.evaluate.pairs import PairsProtocol, run_pairs
 from headway_loadtest.evaluate.pairs_drive import ALL, load, pair_files
 from headway_loadtest.evaluate.pairs_report import markdown, print_report
@@ -40,6 +41,8 @@ def evaluate_pairs(
     try:
         check(protocol, out)
         result = _run(paths, protocol, processes or cpu_count() or 1, stderr)
+        with stderr.status("consistent liars"):
+            result["liars"] = run_liars(pair_files(paths), protocol.runs, protocol.seed, protocol.budget_per_hour)
     except (SourceError, OptionError) as error:
         stderr.print(f"headway evaluate pairs: {error}", markup=False)
         return BAD_INPUT

@@ -24,6 +24,8 @@ HEADER = (
     "x rec./corr.",
     "v rec./corr.",
 )
+LIARS_TITLE = "Liars who keep location and speed consistent (tests between two cars)"
+LIARS_HEADER = ("set", "lie", "range", "lies", "recall at 2 %", "at budget", "suspect right", "false/h")
 CLEAN_HEADER = ("set", "model", "tau [s]", "false alarms", "hours", "per hour")
 LEGEND = """\
 The ceiling is the AUC of |z - truth|^2, a memoryless detector that knows the true state; share is
@@ -80,12 +82,30 @@ def confusion_rows(result: Mapping[str, Any], model: str) -> Rows:
     return [(true, *(str(counts[true][kind]) for kind in KINDS)) for true in KINDS]
 
 
+def liar_rows(result: Mapping[str, Any]) -> Rows:
+    """Return a line for each set, lie and forward sensor."""
+    return [
+        (
+            row["set"],
+            row["injection"],
+            "yes" if row["with_range"] else "no",
+            str(row["lies"]),
+            *(
+                _number(row[name], 2)
+                for name in ("recall_at_2pct_windows", "recall_at_budget", "suspect_correct", "false_alarms_per_hour")
+            ),
+        )
+        for row in result.get("liars", ())
+    ]
+
+
 def print_report(result: Mapping[str, Any], console: Console) -> None:
     """Print the tables."""
     console.print(_table(_title(result), HEADER, rows(result)))
     console.print(_table("False alarms on honest drives", CLEAN_HEADER, clean_rows(result)))
     for model in _models(result):
         console.print(_table(f"Kinds, {model}", ("injected", *KINDS), confusion_rows(result, model)))
+    console.print(_table(LIARS_TITLE, LIARS_HEADER, liar_rows(result)))
 
 
 def markdown(result: Mapping[str, Any], figures: Mapping[str, str]) -> str:
@@ -102,6 +122,7 @@ def markdown(result: Mapping[str, Any], figures: Mapping[str, str]) -> str:
     ]
     for model in _models(result):
         parts += [f"### {model}", _pipes(("injected", *KINDS), confusion_rows(result, model))]
+    parts += [f"## {LIARS_TITLE}", _pipes(LIARS_HEADER, liar_rows(result))]
     parts += ["## Figures", *(f"![{caption}]({name})\n\n{caption}." for name, caption in figures.items())]
     return "\n\n".join(parts) + "\n"
 
