@@ -58,7 +58,8 @@ def serve(loaded: Loaded) -> None:
     )
     vitals, ledger, latencies = Vitals(clock), Ledger(), Latencies()
     codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
-    inbox = Inbox(settings.queue_limit, settings.queue_bytes_limit, codec.records_in)
+    age_limit_ns = int(settings.queue_age_limit_s * 1e9)
+    inbox = Inbox(settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in)
     bus = ZenohBus(_bus_config(loaded), keys, clock, inbox)
     engine = Engine(settings.detector())
     keeper = None

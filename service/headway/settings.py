@@ -140,17 +140,18 @@ class Settings(BaseSettings):
     block_timeout_s: float = _knob(10.0, "A subscriber that takes no alert for so long is cut off.", "s", gt=0, le=600)
 
     batch_limit: int = _knob(2_000, "Messages taken in one turn at most.", ge=1, le=100_000)
-    batch_bytes_limit: int = _knob(1 << 20, "Bytes taken in one turn at most.", "B", ge=1024, le=1 << 28)
+    batch_bytes_limit: int = _knob(256 << 10, "Bytes taken in one turn at most.", "B", ge=1024, le=1 << 28)
     queue_limit: int = _knob(50_000, "Messages waiting at most; beyond it the stalest is shed.", ge=1, le=10_000_000)
     queue_bytes_limit: int = _knob(
         64 << 20, "Bytes waiting at most; beyond it the stalest is shed.", "B", ge=1 << 16, le=1 << 34
     )
+    queue_age_limit_s: float = _knob(1.0, "A message that waited longer is shed as stale.", "s", ge=0.1, le=60)
     payload_bytes_limit: int = _knob(
         64 << 10, "A larger payload is refused as payload_too_large.", "B", ge=64, le=1 << 26
     )
     bundle_limit: int = _knob(512, "A bundle of more records is refused as bundle_too_large.", ge=1, le=65_536)
     idle_sleep_s: float = _knob(
-        0.0005, "Rest between turns, in which a batch gathers; the larger, the less CPU.", "s", gt=0, le=0.1
+        0.001, "Rest between turns, in which a batch gathers; the larger, the less CPU.", "s", gt=0, le=0.1
     )
 
     state_rate_hz: float = _knob(1.0, "States of each vehicle told per second; 0 tells none.", "Hz", ge=0, le=10)

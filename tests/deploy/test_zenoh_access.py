@@ -122,7 +122,7 @@ class Members:
             block_timeout_s=10.0,
             alert_limit=100,
         )
-        bus = ZenohBus(config, KEYS, SystemClock(), Inbox(1_000, 1 << 24, lambda _: 1))
+        bus = ZenohBus(config, KEYS, SystemClock(), Inbox(1_000, 1 << 24, 10**12, lambda _: 1))
         assert bus.open(lambda _: False)
         self.stack.callback(bus.close)
         return bus
@@ -145,7 +145,7 @@ def bus(tls: Path, address: str) -> Iterator[Members]:
 
 
 def said(service: ZenohBus) -> list[tuple[str, bytes]]:
-    return [(arrival.key, arrival.payload) for arrival in service.drain(1_000, 1 << 24)]
+    return [(arrival.key, arrival.payload) for arrival in service.drain(1_000, 1 << 24, 0)]
 
 
 def heard_after(service: ZenohBus, sender: zenoh.Session) -> list[tuple[str, bytes]]:

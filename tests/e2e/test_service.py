@@ -162,7 +162,7 @@ def test_on_sigterm_what_is_queued_is_judged_and_the_last_report_is_told(service
     told = reports[-1]
     assert (told.scored, told.warming, told.rejected) == (last["scored"], last["warming"], last["rejected"])
     assert (last["left"], told.queue_depth) == (0, 0)
-    assert told.lost == {"shed": 0}
+    assert told.lost == {"shed": 0, "stale": 0}
 
 
 def test_an_address_that_is_taken_ends_with_status_2_and_one_line(service: Service) -> None:

@@ -39,7 +39,7 @@ def go_on(seconds: float) -> bool:
 
 
 def bus_of(settings: BusConfig) -> ZenohBus:
-    return ZenohBus(settings, KEYS, SystemClock(), Inbox(10_000, 1 << 24, lambda _: 1))
+    return ZenohBus(settings, KEYS, SystemClock(), Inbox(10_000, 1 << 24, 10**12, lambda _: 1))
 
 
 @pytest.fixture
@@ -67,7 +67,7 @@ def drained(bus: ZenohBus, count: int) -> list[Arrival]:
     taken: list[Arrival] = []
 
     def enough() -> bool:
-        taken.extend(bus.drain(10_000, 1 << 24))
+        taken.extend(bus.drain(10_000, 1 << 24, 0))
         return len(taken) >= count
 
     until(enough)

@@ -53,7 +53,8 @@ def driven(folder: Path, seed: int = 1) -> Rig:
                 length_m=LENGTH_M,
                 leader=[NAMES[i - 1], now.range_m[i]] if i else None,
             )
-            rig.bus.deliver(arrival(sent, name)._replace(received_us=rig.clock.wall_us()))
+            now_us, now_ns = rig.clock.wall_us(), rig.clock.monotonic_ns()
+            rig.bus.deliver(arrival(sent, name)._replace(received_us=now_us, received_ns=now_ns))
         rig.shell.turn()
     rig.shell.drain(1.0)
     assert rig.keeper is not None

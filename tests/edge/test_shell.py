@@ -161,7 +161,11 @@ def test_health_is_told_every_second_from_the_same_books() -> None:
     rig.turns(seconds=2.0)
     reports = [Health.model_validate_json(payload) for _, payload in rig.bus.on(Channel.HEALTH)]
     assert len(reports) == 3
-    assert (reports[-1].scored, reports[-1].rejected, reports[-1].lost) == (1, {"malformed": 1}, {"shed": 0})
+    assert (reports[-1].scored, reports[-1].rejected, reports[-1].lost) == (
+        1,
+        {"malformed": 1},
+        {"shed": 0, "stale": 0},
+    )
     assert reports[-1].ready
     assert [set(report.latency_ms) for report in reports] == [set(), {"p50", "p99", "p999", "max"}, set()]
 
@@ -172,9 +176,29 @@ def test_what_was_shed_is_in_the_books() -> None:
     for _ in range(2):
         rig.bus.deliver(arrival(record()))
     rig.shell.turn()
-    assert rig.ledger.lost == {"shed": 2}
+    assert rig.ledger.lost == {"shed": 2, "stale": 0}
     assert rig.ledger.scored == 2
     assert rig.bus.received == rig.ledger.messages + rig.bus.shed + rig.bus.waiting
+
+
+def test_silence_is_not_held_against_anybody_while_messages_wait_or_after_they_were_shed() -> None:
+    rig = Rig(StubEngine(), batch_limit=2)
+    sent = []
+    for _ in range(3):
+        rig.clock.sleep(0.3)
+        sent.append(arrival(record())._replace(received_us=rig.clock.wall_us(), received_ns=rig.clock.monotonic_ns()))
+        rig.bus.deliver(sent[-1])
+    rig.clock.sleep(0.1)
+    assert rig.shell.turn() == 2
+    assert rig.engine.now_us == [sent[1].received_us]
+    assert rig.shell.turn() == 1
+    assert rig.engine.now_us[-1] == rig.clock.wall_us()
+    assert rig.engine.excused_us == []
+    rig.bus.deliver(sent[-1])
+    rig.clock.sleep(2.0)
+    assert rig.shell.turn() == 0
+    assert rig.ledger.lost == {"shed": 0, "stale": 1}
+    assert rig.engine.excused_us == [rig.clock.wall_us()]
 
 
 def test_the_time_in_the_queue_is_counted_from_the_receipt() -> None:

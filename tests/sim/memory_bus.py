@@ -3,6 +3,7 @@
 from collections import deque
 from dataclasses import dataclass, field
 
+from headway.core.outcome import Outcome
 from headway.edge.arrival import Arrival
 from headway.edge.inbox import Inbox
 from headway.edge.ports import Channel
@@ -52,14 +53,14 @@ class MemoryBus:
         return self._inbox.shed
 
     @property
-    def shed_records(self) -> int:
+    def shed_records(self) -> dict[Outcome, int]:
         return self._inbox.shed_records
 
     def wanted(self, channel: Channel) -> bool:
         return channel not in self.unwanted
 
-    def drain(self, limit: int, bytes_limit: int) -> list[Arrival]:
-        return self._inbox.drain(limit, bytes_limit)
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
+        return self._inbox.drain(limit, bytes_limit, now_ns)
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
         self.published.append((channel, key, payload))

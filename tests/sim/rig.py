@@ -29,6 +29,7 @@ class Rig:
     engine: Any
     batch_limit: int = 1_000
     queue_limit: int = 10_000
+    queue_age_limit_s: float = 1.0
     state_rate_hz: float = 0.0
     state_budget_hz: float = 1_000.0
     rejected_rate_hz: float = 3.0
@@ -40,7 +41,9 @@ class Rig:
         self.vitals = Vitals(self.clock, warm=True)
         self.ledger, self.latencies = Ledger(), Latencies()
         self.codec = Codec(KEYS)
-        self.bus = MemoryBus(Inbox(self.queue_limit, 1 << 30, self.codec.records_in))
+        self.bus = MemoryBus(
+            Inbox(self.queue_limit, 1 << 30, round(self.queue_age_limit_s * 1e9), self.codec.records_in)
+        )
         self.keeper = self._keeper(self.state_dir) if self.state_dir else None
         shared = {
             "identity": self.identity,

@@ -1,10 +1,14 @@
 """The production loop in a simulated world: whatever the network does, every delivered record has one outcome."""
 
+from dataclasses import replace
+
 import pytest
 from sim.world import SimWorld
 
 from headway.core.config import DetectorConfig
 from headway.core.outcome import Outcome
+from headway.edge.arrival import Arrival
+from headway.edge.codec import Decoded
 from headway.edge.ports import Channel
 
 
@@ -49,7 +53,7 @@ def test_what_a_full_queue_sheds_is_accounted_for_by_its_records() -> None:
     simulated = world(5, queue_limit=1, garbled=0.2)
     ledger, bus = simulated.rig.ledger, simulated.rig.bus
     assert bus.shed > 50
-    assert ledger.lost == {"shed": bus.shed_records}
+    assert ledger.lost == {"shed": bus.shed_records[Outcome.SHED], "stale": 0}
     assert ledger.records == simulated.records
     assert bus.received == ledger.messages + bus.shed
 
@@ -64,3 +68,28 @@ def test_states_and_health_are_told_all_the_while() -> None:
     simulated = world(2)
     assert len(simulated.said(Channel.HEALTH)) >= 12
     assert {state["follower"] for state in simulated.said(Channel.STATE)} >= {f"car{n}" for n in range(8)}
+
+
+def test_a_loop_that_falls_behind_judges_the_fresh_accuses_nobody_and_soon_catches_up() -> None:
+    simulated = SimWorld(9, loss=0.0, delay_s=(0.001, 0.002), doubled=0.0, garbled=0.0)
+    rig, waited_s = simulated.rig, []
+    decode = rig.codec.decode
+
+    def decoded(arrivals: list[Arrival]) -> Decoded:
+        now_s = rig.clock.monotonic_ns() / 1e9
+        waited_s.extend((now_s, now_s - arrival.received_ns / 1e9) for arrival in arrivals)
+        limit = 1 if now_s < 10.0 else 100  # at 50 turns a second, half of what comes in
+        rig.shell._config = replace(rig.shell._config, batch_limit=limit)
+        return decode(arrivals)
+
+    rig.codec.decode = decoded
+    simulated.drive(vehicles=10, seconds=15.0)
+    ledger, bus = rig.ledger, rig.bus
+    assert max(wait_s for _, wait_s in waited_s) == pytest.approx(1.0, abs=0.02)
+    assert max(wait_s for now_s, wait_s in waited_s if now_s > 10.1) < 0.03
+    assert ledger.lost == {"shed": 0, "stale": bus.shed_records[Outcome.STALE]}
+    assert ledger[Outcome.STALE] > 300
+    assert ledger.records == simulated.records
+    missed = {alert["suspect"] for alert in simulated.said(Channel.ALERT) if alert["kind"] == "miss"}
+    assert missed <= {f"car{n}-neighbour" for n in range(10)}, "who sends at every step was never silent"
+    assert simulated.said(Channel.HEALTH)[-1]["lost"] == ledger.lost

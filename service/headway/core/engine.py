@@ -66,7 +66,7 @@ class Engine:
         self._ear = silence.Ear()
         self._first_heard_us = np.zeros(capacity, np.int64)
         self._renamed_us = np.zeros(capacity, np.int64)
-        self._restored_us = 0
+        self._deaf_until_us = 0
         self._kept_house_us = 0
 
     @property
@@ -115,6 +115,10 @@ class Engine:
             forgotten=tally.forgotten,
             leader_changes=tally.leader_changes,
         )
+
+    def excuse(self, until_us: int) -> None:
+        """Hold no silence before local time `until_us` against anybody: messages were lost here."""
+        self._deaf_until_us = until_us
 
     def _rows(self, batch: Batch, outcomes: NDArray[np.uint8]) -> I64:
         """Return (B,) rows, giving one to each new vehicle; who finds no room is `TABLE_FULL`."""
@@ -258,7 +262,8 @@ class Engine:
         for i in range(rows.size):
             row, leader = int(rows[i]), int(leaders[i])
             if not self._misses.active[row]:
-                if not self._ear.was_open(int(heard_us[i]), int(received_us[i])):
+                deaf = heard_us[i] < self._deaf_until_us
+                if deaf or not self._ear.was_open(int(heard_us[i]), int(received_us[i])):
                     continue
                 tally.events.append(self._misses.begin(row, leader, int(t_us[i]), int(heard_us[i])))
             tally.events.append(self._misses.end(row, leader, int(t_us[i]), int(received_us[i])))
@@ -268,7 +273,7 @@ class Engine:
         rows = np.flatnonzero(self._vehicles.in_use)
         heard_us = self._tracks["received_us"]
         leaders = self._leaders(rows)
-        excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._restored_us)
+        excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._deaf_until_us)
         limits = self._config.miss_after_s, self._config.warming_readings
         late = silence.late(self._tracks, rows, leaders, excused, now_us, *limits)
         for i in np.flatnonzero(late):
@@ -370,7 +375,7 @@ class Engine:
         self._events.resume([event for event in snapshot.events if self._vehicles.in_use[event.row]])
         self._link_events.resume([event for event in snapshot.link_events if self._vehicles.in_use[event.row]])
         self._misses.resume([miss for miss in snapshot.misses if self._vehicles.in_use[miss.row]])
-        self._restored_us = now_us
+        self.excuse(now_us)
         return int(rows.size)
 
     @property

@@ -56,6 +56,10 @@ class Levels(NamedTuple):
     """to this step."""
     sign_share: float
     """Part of a step, on jerk against speed noise, that signs decide."""
+    walk_seen: float
+    """Walk per second, as a share of the variance of the location, below which signs cannot tell it from none;"""
+    walk_fade: float
+    """then it shrinks by this on the logarithm with each reading."""
     scale_step: float
     """Step of `scale`, as a share of the one on the logarithms."""
     scale_most: float
@@ -107,7 +111,8 @@ def learn_levels(levels: Any, v_mps: float, nu_x: float, nu_v: float, s_xx: floa
     levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), p.jerk_least, p.jerk_most)
     if v_mps > p.moving_mps:
         rescale(levels, copysign(step * p.scale_step, nu_x), p)
-    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag)), p.walk_least, p.walk_most)
+    fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
+    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), p.walk_least, p.walk_most)
 
 
 @njit(cache=True)

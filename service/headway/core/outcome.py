@@ -37,6 +37,7 @@ class Outcome(IntEnum):
 
     # Named by the shell, when more comes in than can be judged.
     SHED = 40
+    STALE = 41
 
     @property
     def label(self) -> str:
@@ -48,5 +49,8 @@ class Outcome(IntEnum):
         """Whether the record never reached a filter."""
         return self > Outcome.WARMING
 
+
+LOSSES = (Outcome.SHED, Outcome.STALE)
+"""Records that nobody looked at: too many waited, or they waited for too long."""
 
 REJECTIONS = tuple(o for o in Outcome if o.is_rejection)

@@ -19,6 +19,7 @@ from typing import Any, Final
 import structlog
 import zenoh
 
+from headway.core.outcome import Outcome
 from headway.edge.arrival import Arrival
 from headway.edge.clock import Clock
 from headway.edge.inbox import Inbox
@@ -186,8 +187,8 @@ class ZenohBus:
         return self._inbox.shed
 
     @property
-    def shed_records(self) -> int:
-        """Records in them."""
+    def shed_records(self) -> Mapping[Outcome, int]:
+        """Records in them, by reason."""
         return self._inbox.shed_records
 
     @property
@@ -221,9 +222,9 @@ class ZenohBus:
         """Whether anybody listens to the channel."""
         return self._wanted[channel]
 
-    def drain(self, limit: int, bytes_limit: int) -> list[Arrival]:
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
         """Take the oldest messages out."""
-        return self._inbox.drain(limit, bytes_limit)
+        return self._inbox.drain(limit, bytes_limit, now_ns)
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
         """Hand a message over to be put by another thread."""

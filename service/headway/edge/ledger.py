@@ -1,12 +1,13 @@
 """What became of everything that came in: the one source of the metrics and of the health topic."""
 
 import math
+from collections.abc import Mapping
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.outcome import Outcome
+from headway.core.outcome import LOSSES, Outcome
 from headway.core.records import Kind
 from headway.core.turn import Phase, Turn
 from headway.edge.arrival import Rejection
@@ -63,19 +64,20 @@ class Ledger:
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Records by reason, for the reasons that occurred; shed ones are not rejected but lost."""
-        return {o.label: self[o] for o in Outcome if o.is_rejection and o is not Outcome.SHED and self[o]}
+        """Records by reason, for the reasons that occurred; those never looked at are not rejected but lost."""
+        return {o.label: self[o] for o in Outcome if o.is_rejection and o not in LOSSES and self[o]}
 
     @property
     def lost(self) -> dict[str, int]:
         """Records that came in and were never looked at."""
-        return {Outcome.SHED.label: self[Outcome.SHED]}
+        return {reason.label: self[reason] for reason in LOSSES}
 
-    def book(self, messages: int, rejections: list[Rejection], turn: Turn, shed_records: int) -> None:
-        """Enter one turn; `shed_records` is the bus's count since the start."""
+    def book(self, messages: int, rejections: list[Rejection], turn: Turn, shed: Mapping[Outcome, int]) -> None:
+        """Enter one turn; `shed` are the bus's counts of records since the start."""
         self.turns += 1
         self.messages += messages
-        self._outcomes[Outcome.SHED] = shed_records
+        for reason, records in shed.items():
+            self._outcomes[reason] = records
         for rejection in rejections:
             self._outcomes[rejection.fault.reason] += rejection.count
         if turn.outcomes.size:

@@ -118,7 +118,7 @@ TABLE: Final = (
     Metric("headway_messages_total", _C, "Payloads received, bundles as one.", (), _one(lambda s: s.bus.received)),
     Metric("headway_records_total", _C, "Records by what became of them; each is counted once.", ("outcome",),
            _records),
-    Metric("headway_shed_messages_total", _C, "Payloads shed, stalest first, because too many waited.", (),
+    Metric("headway_shed_messages_total", _C, "Payloads shed, stalest first: too many waited, or for too long.", (),
            _one(lambda s: s.bus.shed)),
     Metric("headway_missed_messages_total", _C, "Messages that senders' counters say were sent and never came.", (),
            _one(lambda s: s.ledger.missed_messages)),

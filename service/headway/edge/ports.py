@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from enum import Enum, unique
 from typing import Protocol
 
+from headway.core.outcome import Outcome
 from headway.edge.arrival import Arrival
 from headway_schemas.encodings import EVENT_JSON, HEALTH_JSON, PAIR_STATE_JSON, REJECTED_JSON
 
@@ -55,12 +56,12 @@ class Bus(Protocol):
 
     @property
     def shed(self) -> int:
-        """Messages shed so far because too many waited."""
+        """Messages shed so far because too many waited, or for too long."""
         ...
 
     @property
-    def shed_records(self) -> int:
-        """Records in them."""
+    def shed_records(self) -> Mapping[Outcome, int]:
+        """Records in them, by reason."""
         ...
 
     @property
@@ -87,8 +88,8 @@ class Bus(Protocol):
         """Whether anybody listens to the channel; what nobody wants need not be made."""
         ...
 
-    def drain(self, limit: int, bytes_limit: int) -> list[Arrival]:
-        """Take the oldest messages out, at most `limit` of them and about `bytes_limit` bytes."""
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
+        """Take the oldest messages out, at most `limit` of them and about `bytes_limit` bytes, none too stale."""
         ...
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:

@@ -85,6 +85,7 @@ class Shell:
         self._keeper = keeper
         self._tick_ns = self._heard_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
         self._copies: Counter[Outcome] = Counter()
+        self._shed = 0
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Turn until `stopping`; the garbage collector works when there is nothing else to do."""
@@ -112,7 +113,7 @@ class Shell:
     def turn(self) -> int:
         """Take what has come, judge it, tell what comes of it; return how many messages that was."""
         now_ns = self._clock.monotonic_ns()
-        arrivals = self._bus.drain(self._config.batch_limit, self._config.batch_bytes_limit)
+        arrivals = self._bus.drain(self._config.batch_limit, self._config.batch_bytes_limit, now_ns)
         if arrivals or now_ns >= self._tick_ns:
             self._tick_ns = now_ns + _TICK_NS
             self._judge(arrivals, now_ns)
@@ -132,7 +133,7 @@ class Shell:
         drained_us = self._clock.wall_us()
         decoded = self._codec.decode(arrivals)
         decoded_ns = self._clock.monotonic_ns()
-        result = self._engine.step(decoded.batch, drained_us)
+        result = self._engine.step(decoded.batch, self._heard_until_us(arrivals, drained_us))
         judged_ns = self._clock.monotonic_ns()
         decode_us, judge_us = (decoded_ns - drained_ns) / 1e3, (judged_ns - decoded_ns) / 1e3
         self._tell_events(result.events, drained_us, int(decode_us), int(judge_us))
@@ -141,6 +142,17 @@ class Shell:
         publish_us = (self._clock.monotonic_ns() - judged_ns) / 1e3
         ages_us: F64 = (drained_us + decode_us + judge_us) - decoded.batch.t_us.astype(np.float64)
         self._latencies.book(_waits_us(decoded, arrivals, drained_ns), ages_us, decode_us, judge_us, publish_us)
+
+    def _heard_until_us(self, arrivals: list[Arrival], drained_us: int) -> int:
+        """Return the time that the detector may take for now: with messages still waiting, when the last was received.
+
+        Nobody is accused of the silence of messages that lie here or were shed.
+        """
+        until_us = arrivals[-1].received_us if arrivals and self._bus.waiting else drained_us
+        if self._bus.shed != self._shed:
+            self._shed = self._bus.shed
+            self._engine.excuse(until_us)
+        return until_us
 
     def _tell_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, judge_us: int) -> None:
         """Tell what was found; with a keeper only once it is written down."""
