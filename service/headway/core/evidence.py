@@ -51,8 +51,10 @@ class EvidenceStore:
         half = size // 2
         first = max(0, (count - 1) // half - 1) * half
         places = np.arange(first, count) % size
+        # As bytes: numpy would copy a record field by field.
+        checkpoint = self._checkpoints.view(np.uint8).reshape(self._counts.size, 2, -1)[row, (first // half) % 2]
         return Evidence(
-            checkpoint=self._checkpoints[row, (first // half) % 2].copy(),
+            checkpoint=checkpoint.copy().view(self._checkpoints.dtype)[0],
             readings=self._ring[row, places],
             leaders=self._leaders[row, places],
         )
