@@ -119,10 +119,16 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
     )
 
 
-@njit(cache=True)
-def scratchpad() -> Any:
-    """Return the room that `step` works in."""
-    return np.empty(COUNT), np.empty((SCRATCH, SIZE)), np.empty(5), np.empty(2)
+ROOM = np.dtype(
+    [
+        ("prior", "f8", (COUNT,)),
+        ("scratch", "f8", (SCRATCH, SIZE)),
+        ("out", "f8", (5,)),
+        ("reading", "f8", (2,)),
+    ],
+    align=True,
+)
+"""What `step` works in. A record, since slices of an array are counted references, and parts of a record are not."""
 
 
 @njit(cache=True)
@@ -150,7 +156,7 @@ def start(row: Any, z: Any, p: HeadwayParams) -> None:
 @njit(cache=True)
 def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     """Judge one reading (READING) against one row (HEADWAY), in place, and write the VERDICT."""
-    prior, scratch, out, reading = room
+    prior, scratch, out, reading = room.prior, room.scratch, room.out, room.reading
     reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps / (1.0 + row.levels.scale)
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
@@ -200,12 +206,12 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
 @njit(cache=True)
 def step_row(row: Any, z: Any, p: HeadwayParams, verdict: Any) -> None:
     """Judge one reading against one row."""
-    step(row, z, p, verdict, scratchpad())
+    step(row, z, p, verdict, np.empty(1, ROOM)[0])
 
 
 @njit(cache=True)
 def step_batch(bank: Any, rows: Any, readings: Any, p: HeadwayParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
-    room = scratchpad()
+    room = np.empty(1, ROOM)
     for i in range(rows.size):
-        step(bank[rows[i]], readings[i], p, verdicts[i], room)
+        step(bank[rows[i]], readings[i], p, verdicts[i], room[0])
