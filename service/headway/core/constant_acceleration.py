@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from headway.core.config import DetectorConfig
 from headway.core.episode import EPISODE, close, kind_of, take
 from headway.core.filter import isolate
-from headway.core.motion import LOCATION, SIZE, SPEED, VV, XV, XX, V, X, begin, observe, predict
+from headway.core.motion import LOCATION, NO_LANE, SPEED, VV, XV, XX, V, X, begin, lanes, predict, read
 from headway.core.records import Sensor
 
 NOMINAL_HZ = 10.0
@@ -21,7 +21,7 @@ CA = np.dtype(
     [
         ("count", "i8"),  # readings taken; 0: a row not begun
         ("t_s", "f8"),
-        ("m", "f8", (SIZE,)),  # the estimate, as in `motion`, nobody lying
+        ("estimate", lanes(1)),  # as in `motion`, nobody lying
         ("rejections", "i8"),  # in a row, up to now
         ("episode", EPISODE),  # of the readings rejected in a row
     ],
@@ -71,7 +71,7 @@ def reject(row: Any, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: CaPa
 @njit(cache=True)
 def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
     """Judge one reading (READING) against one row (CA), in place, and write the VERDICT."""
-    m = row.m
+    m = row.estimate.m
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
     nu_x, nu_v, nis = 0.0, 0.0, 0.0
@@ -81,9 +81,9 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
         row.count = 0
         s_xx, s_xv, s_vv = p.r_x, 0.0, p.r_v
     else:
-        predict(m, dt_s, p.jerk, 0.0)
-        nu_x, nu_v = z.x_m - m[X], z.v_mps - m[V]
-        s_xx, s_xv, s_vv = m[XX] + p.r_x, m[XV], m[VV] + p.r_v
+        predict(row.estimate, dt_s, p.jerk, 0.0)
+        nu_x, nu_v = z.x_m - m[X, 0], z.v_mps - m[V, 0]
+        s_xx, s_xv, s_vv = m[XX, 0] + p.r_x, m[XV, 0], m[VV, 0] + p.r_v
         nis = (s_vv * nu_x**2 - 2.0 * s_xv * nu_x * nu_v + s_xx * nu_v**2) / (s_xx * s_vv - s_xv**2)
         verdict.anomalous = row.count >= p.warming_readings and nis > p.gate
         if verdict.anomalous:
@@ -92,12 +92,12 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
             anew = row.rejections >= p.rejections_max
             verdict.restarted = anew
         else:
-            observe(m, LOCATION, False, z.x_m, p.r_x)
-            observe(m, SPEED, False, z.v_mps, p.r_v)
+            read(row.estimate, LOCATION, z.x_m, p.r_x, 0.0, NO_LANE, NO_LANE, NO_LANE, NO_LANE)
+            read(row.estimate, SPEED, z.v_mps, p.r_v, 0.0, NO_LANE, NO_LANE, NO_LANE, NO_LANE)
             row.rejections = 0
             close(row.episode)
     if anew:
-        begin(m, z.x_m, z.v_mps, p.r_x, p.r_v, p.a_var)
+        begin(m, 0, z.x_m, z.v_mps, p.r_x, p.r_v, p.a_var)
         row.rejections = 0
         close(row.episode)
     row.count += 1
@@ -108,8 +108,8 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
     verdict.p_value = exp(-0.5 * nis)
     verdict.nu[0], verdict.nu[1] = nu_x, nu_v
     verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = s_xx, s_xv, s_xv, s_vv
-    verdict.x_m, verdict.v_mps = m[X], m[V]
-    verdict.x_std_m, verdict.v_std_mps = sqrt(m[XX]), sqrt(m[VV])
+    verdict.x_m, verdict.v_mps = m[X, 0], m[V, 0]
+    verdict.x_std_m, verdict.v_std_mps = sqrt(m[XX, 0]), sqrt(m[VV, 0])
 
 
 @njit(cache=True)

@@ -4,7 +4,7 @@ from typing import Any
 
 from numba import njit
 
-from headway.core.hypotheses import BIAS, BOTH, DRIFT, NOISE, OTHER_SENSOR, PAIR
+from headway.core.hypotheses import BIAS, BOTH, DRIFT, NOISE, OTHER_PAIR, OTHER_SENSOR, PAIR
 from headway.core.motion import LOCATION, SPEED
 from headway.core.records import Kind, Sensor
 
@@ -17,7 +17,7 @@ def lying_sensor(w: Any) -> int:
     """Return the `Sensor` code of the likeliest set of lying sensors."""
     x = w[BIAS] + w[DRIFT] + w[NOISE]
     v = w[OTHER_SENSOR + BIAS] + w[OTHER_SENSOR + DRIFT] + w[OTHER_SENSOR + NOISE]
-    two = w[PAIR] + w[OTHER_SENSOR + PAIR] + w[BOTH]
+    two = w[PAIR] + w[PAIR + OTHER_PAIR] + w[BOTH]
     if two > x and two > v:
         return BOTH_LIE
     return X_LIES if x > v else V_LIES
@@ -26,11 +26,11 @@ def lying_sensor(w: Any) -> int:
 @njit(cache=True)
 def lie_of(w: Any, sensor: int) -> tuple[int, float]:
     """Return the likeliest `Kind` code of the lie of `sensor` (0, 1), and its probability, given that it lies."""
-    own, other = OTHER_SENSOR * sensor, OTHER_SENSOR * (1 - sensor)
-    noise = w[NOISE + own] + w[PAIR + other] + w[BOTH]
+    own = OTHER_SENSOR * sensor
+    noise = w[NOISE + own] + w[PAIR + 1 - sensor] + w[BOTH]
     line = w[BIAS + own] + w[DRIFT + own]
     # PAIR does not tell bias from drift: it is shared out as the two that it came from.
-    share = 1.0 + w[PAIR + own] / line
+    share = 1.0 + w[PAIR + sensor] / line
     bias, drift = share * w[BIAS + own], share * w[DRIFT + own]
     total = noise + bias + drift
     if noise > bias and noise > drift:
@@ -59,4 +59,17 @@ def name_lie(w: Any, run: Any, over: float) -> tuple[int, int, float]:
             here, certainty = IS_SHORT, over
         if certainty > confidence:
             kind, confidence = here, certainty
+    return sensor, kind, confidence
+
+
+@njit(cache=True)
+def name_past_lie(w: Any) -> tuple[int, int, float]:
+    """Return sensor, kind and the confidence in the kind of a lie that is told of only as it ends."""
+    sensor = lying_sensor(w)
+    kind, confidence = 0, -1.0
+    for which in (LOCATION, SPEED):
+        if sensor in (which + 1, BOTH_LIE):
+            here, certainty = lie_of(w, which)
+            if certainty > confidence:
+                kind, confidence = here, certainty
     return sensor, kind, confidence

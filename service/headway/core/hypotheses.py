@@ -2,27 +2,35 @@
 
 An interacting-multiple-model filter (Blom, Bar-Shalom 1988, doi:10.1109/9.1299): every hypothesis is a filter of its
 own (`motion`), a Markov chain moves weight between them, and what arrives at a hypothesis is merged into one Gaussian.
-Nobody lies in HEALTHY. For each sensor (location: 1 to 4, speed: 5 to 8) four say how it lies,
+Nobody lies in HEALTHY. For each sensor (location first, speed OTHER_SENSOR further on) three say how it alone lies,
 
     BIAS    by a constant offset               the other sensor is used; the offset is part of the state, so that
     DRIFT   by an offset that grows steadily   the differences of the lying readings still count
     NOISE   by anything, each time anew        the other sensor is used, this one not at all
-    PAIR    by an offset, while the other sensor lies by anything
 
-and in BOTH either lies by anything. HEALTHY is followed calm or manoeuvring (more jerk; near standstill a jump of the
+and three say that both lie: PAIR, one sensor by an offset (location, or speed OTHER_PAIR further on) and the other by
+anything; BOTH, either by anything. HEALTHY is followed calm or manoeuvring (more jerk; near standstill a jump of the
 speed as well, for speed sensors read zero below some speed), merged after each reading.
 A sensor goes bad with `faults_per_s` and is bad for `fault_s` on average, each sensor for itself.
+
+On the ways between HEALTHY and the rest, Gaussians are merged only after the reading has spoken (the generalised
+pseudo-Bayesian filter of second order, Ackerson and Fu 1970, doi:10.1109/TAC.1970.1099359). It has to set the offset
+of a lie that begins; and the end of a lie that went unnoticed shows only in the one reading that comes back, where
+HEALTHY, who had followed the liar, fails and he who had doubted it is right.
 """
 
 from math import exp
 from typing import Any, NamedTuple
 
+import numpy as np
 from numba import njit
 
 from headway.core.motion import (
     AA,
     BB,
     LOCATION,
+    NO_LANE,
+    SIZE,
     SPEED,
     SS,
     VA,
@@ -34,27 +42,66 @@ from headway.core.motion import (
     V,
     X,
     accuse,
+    acquit,
     begin,
-    blend,
     copy,
-    copy_honest,
-    disregard,
+    fold,
     jolt,
     jump,
+    lanes,
+    likelihood,
     mend,
     merge,
-    observe,
     predict,
+    read,
+    unread,
 )
 
-HEALTHY, BOTH, COUNT = 0, 9, 10
-BIAS, DRIFT, NOISE, PAIR = 1, 2, 3, 4
-OTHER_SENSOR = 4
-"""Added to one of the four above it means the speed sensor instead of the location."""
+HEALTHY, BIAS, DRIFT, NOISE = 0, 1, 2, 3
+OTHER_SENSOR = 3
+"""Added to one of the last three it means the speed sensor instead of the location."""
+PAIR, BOTH = 7, 9
+OTHER_PAIR = 1
+SINGLE, COUNT = 7, 10
+"""Hypotheses below SINGLE are those of at most one lie."""
 WEIGHT_FLOOR = 1e-10
 """No hypothesis ever dies, and the log odds stay within +-23."""
-SCRATCH = 6
 IMPOSSIBLE = 1e-8
+CALM = 0.999
+"""Probability of HEALTHY beyond which nobody thinks of two lies at once,"""
+CALM_NIS = 9.0
+"""nor, if its nis is below this, of a lie that has just ended."""
+
+LANES = SINGLE + 1
+PAIRS = COUNT - SINGLE
+HYPOTHESES = np.dtype([("one", "f8", (SIZE, LANES)), ("two", "f8", (SIZE, PAIRS)), ("w", "f8", (COUNT,))], align=True)
+"""What is kept of a vehicle between two readings: a weight for each hypothesis, and a lane.
+
+`one` are those of at most one lie, its last lane being spare; `two` those of two, kept up only while HEALTHY is no more
+likely than CALM.
+"""
+SPARE = SINGLE
+
+
+BIAS_V, DRIFT_V, NOISE_V = BIAS + OTHER_SENSOR, DRIFT + OTHER_SENSOR, NOISE + OTHER_SENSOR
+LOCATION_PAIR, SPEED_PAIR, BOTH_PAIR = range(PAIRS)
+"""Lanes of `two`."""
+
+FINDING = np.dtype(
+    [
+        ("one", lanes(LANES)),
+        ("fresh", lanes(LANES)),  # what comes to each hypothesis from HEALTHY now: a lie begins, or a manoeuvre
+        ("past", lanes(COUNT)),  # each hypothesis as if its lie were over
+        ("two", lanes(PAIRS)),
+        ("prior", "f8", (COUNT,)),
+        ("share", "f8", (LANES,)),  # of the fresh lanes in what comes of both
+        ("ended", "f8", (COUNT,)),  # weight of: this hypothesis was true until now, and is over
+        ("nu", "f8", (2,)),  # innovation of location and speed under HEALTHY,
+        ("S", "f8", (3,)),  # and its covariance xx, xv, vv
+    ],
+    align=True,
+)
+"""What `judge` works in, and answers with: `ended`, `nu`, `S`."""
 
 
 class Hypotheses(NamedTuple):
@@ -76,7 +123,9 @@ class Hypotheses(NamedTuple):
     """Usual size of a fault, m or m/s; the tails are heavy."""
     drift_start: float
     drift_slope: float
-    """Usual offset at the start of a drift, and its growth per second."""
+    """Usual offset at the start of a drift, and its growth per second;"""
+    drift_steep: float
+    """of the slope that the first innovation would mean, this share (of the variance) is thought possible as well."""
     offset_walk: float
     """How far an offset strays from its straight line, per reading."""
     a_std_mps2: float
@@ -84,119 +133,181 @@ class Hypotheses(NamedTuple):
 
 
 @njit(cache=True)
-def begin_all(M: Any, w: Any, x_m: float, v_mps: float, r_x: float, r_v: float, p: Hypotheses) -> None:
-    """Start every hypothesis of M (COUNT, SIZE) at a reading, and believe it."""
-    for j in range(COUNT):
-        begin(M[j], x_m, v_mps, r_x, r_v, p.a_std_mps2**2)
-        w[j] = WEIGHT_FLOOR
-    w[HEALTHY] = 1.0
+def begin_all(row: Any, x_m: float, v_mps: float, r: Any, p: Hypotheses) -> None:
+    """Start every hypothesis of a row (HYPOTHESES) at a reading of variances `r` (2,), and believe it."""
+    for j in range(LANES):
+        begin(row.one, j, x_m, v_mps, r[LOCATION], r[SPEED], p.a_std_mps2**2)
+    row.w[:] = WEIGHT_FLOOR
+    row.w[HEALTHY] = 1.0
 
 
 @njit(cache=True)
-def mix(M: Any, w: Any, fault: float, over: float, p: Hypotheses, prior: Any, scratch: Any) -> None:
-    """Move weight along the Markov chain: M and `prior` (COUNT,) become what is thought before the next reading.
+def add_means(m: Any, w: Any, first: int, last: int, into: Any) -> None:
+    """Add up the means of hypotheses `first` to `last`, which are lanes 0, 1, ... of m."""
+    for j in range(first, last):
+        for i in (X, V, A):
+            into[i] += w[j] * m[i, j - first]
 
-    `fault` and `over` are the probabilities that a good sensor goes bad and a bad one good. The way from HEALTHY to a
-    single fault is left to `judge`, where the reading itself sets the offset.
+
+@njit(cache=True)
+def add_spreads(m: Any, w: Any, first: int, last: int, into: Any) -> None:
+    """Add up the covariances of the same, about the mean that is in `into` by now."""
+    for j in range(first, last):
+        k = j - first
+        dx, dv, da = m[X, k] - into[X], m[V, k] - into[V], m[A, k] - into[A]
+        into[XX] += w[j] * (m[XX, k] + dx * dx)
+        into[XV] += w[j] * (m[XV, k] + dx * dv)
+        into[XA] += w[j] * (m[XA, k] + dx * da)
+        into[VV] += w[j] * (m[VV, k] + dv * dv)
+        into[VA] += w[j] * (m[VA, k] + dv * da)
+        into[AA] += w[j] * (m[AA, k] + da * da)
+
+
+@njit(cache=True)
+def estimate(row: Any, into: Any) -> None:
+    """Write mean and covariance of the car's own motion, over all hypotheses and without any lie, to `into` (SIZE,)."""
+    into[:] = 0.0
+    calm = row.w[HEALTHY] > CALM
+    add_means(row.one, row.w, 0, SINGLE, into)
+    if not calm:
+        add_means(row.two, row.w, SINGLE, COUNT, into)
+    add_spreads(row.one, row.w, 0, SINGLE, into)
+    if not calm:
+        add_spreads(row.two, row.w, SINGLE, COUNT, into)
+
+
+@njit(cache=True)
+def take_out(row: Any, found: Any, calm: bool) -> None:
+    """Copy lanes of the row to where they are worked on."""
+    for i in range(SIZE):
+        for j in range(LANES):
+            found.one.m[i, j] = row.one[i, j]
+    if not calm:
+        found.two.m[:] = row.two
+
+
+@njit(cache=True)
+def put_back(row: Any, found: Any, was_calm: bool) -> None:
+    """Copy them back; hypotheses of two lies that nobody thought of until now know what HEALTHY knows."""
+    for i in range(SIZE):
+        for j in range(LANES):
+            row.one[i, j] = found.one.m[i, j]
+    if row.w[HEALTHY] <= CALM:
+        for j in range(PAIRS):
+            if was_calm:
+                copy(row.two, j, found.one.m, HEALTHY)
+            else:
+                copy(row.two, j, found.two.m, j)
+
+
+@njit(cache=True)
+def remember(found: Any, count: int) -> None:
+    """Keep the first `count` hypotheses in `past`, without their lies."""
+    past = found.past.m
+    for j in range(SINGLE):
+        copy(past, j, found.one.m, j)
+    for j in range(SINGLE, count):
+        copy(past, j, found.two.m, j - SINGLE)
+    for j in range(count):
+        acquit(past, j)
+
+
+@njit(cache=True)
+def mix(row: Any, fault: float, over: float, p: Hypotheses, found: Any) -> None:
+    """Move weight between the lies along the Markov chain: lanes and `prior` become what is thought before the reading.
+
+    `fault` and `over` are the probabilities that a good sensor goes bad and a bad one good. The row still holds what
+    was thought after the last reading, and so does `past`, without the lies.
     """
-    healthy, both, spare, pair_x, pair_v = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
-    stay, second, alone = (1.0 - over) * (1.0 - fault), (1.0 - over) * fault, over * (1.0 - over)
-
-    share = prior
-    for j in range(COUNT):
-        share[j] = w[j] * (over**2 if j in (BOTH, PAIR, PAIR + OTHER_SENSOR) else over)
-    share[HEALTHY] = w[HEALTHY] * (1.0 - 2.0 * fault)
-    into_healthy = blend(M, share, healthy)
-    share[:] = 0.0
-    share[HEALTHY] = w[HEALTHY] * fault**2
-    share[NOISE] = 0.5 * w[NOISE] * second
-    share[NOISE + OTHER_SENSOR] = 0.5 * w[NOISE + OTHER_SENSOR] * second
-    share[BOTH] = w[BOTH] * (1.0 - over) ** 2
-    into_both = blend(M, share, both)
-    prior[HEALTHY], prior[BOTH] = into_healthy, into_both
-
-    copy(pair_x, M[PAIR])
-    copy(pair_v, M[PAIR + OTHER_SENSOR])
+    one, two, past, w, prior = found.one.m, found.two.m, found.past.m, row.w, found.prior
+    second, alone, last = (1.0 - over) * fault, over * (1.0 - over), (1.0 - over) ** 2
+    weight = merge(two, BOTH_PAIR, w[BOTH] * last, one, HEALTHY, w[HEALTHY] * fault**2)
+    for noise in (NOISE, NOISE_V):
+        weight = merge(two, BOTH_PAIR, weight, one, noise, 0.5 * w[noise] * second)
+    prior[BOTH] = weight
     for sensor in (LOCATION, SPEED):
-        own, other = OTHER_SENSOR * sensor, OTHER_SENSOR * (1 - sensor)
-        pair, weight = M[PAIR + own], w[PAIR + own] * (1.0 - over) ** 2
-        weight = merge(pair, weight, M[BIAS + own], w[BIAS + own] * second)
-        weight = merge(pair, weight, M[DRIFT + own], w[DRIFT + own] * second)
-        copy(spare, M[NOISE + other])
-        spare[BB], spare[SS] = 2.0 * p.spread**2, p.drift_slope**2
-        prior[PAIR + own] = merge(pair, weight, spare, 0.5 * w[NOISE + other] * second)
+        own = OTHER_SENSOR * sensor
+        bias, drift, other_noise = BIAS + own, DRIFT + own, NOISE_V - own
+        weight = merge(two, sensor, w[PAIR + sensor] * last, one, bias, w[bias] * second)
+        weight = merge(two, sensor, weight, one, drift, w[drift] * second)
+        copy(one, SPARE, one, other_noise)
+        one[BB, SPARE], one[SS, SPARE] = 2.0 * p.spread**2, p.drift_slope**2
+        prior[PAIR + sensor] = merge(two, sensor, weight, one, SPARE, 0.5 * w[other_noise] * second)
     for sensor in (LOCATION, SPEED):
-        own, other = OTHER_SENSOR * sensor, OTHER_SENSOR * (1 - sensor)
-        prior[BIAS + own] = w[BIAS + own] * stay
-        own_pair, other_pair = (pair_x, pair_v) if sensor == LOCATION else (pair_v, pair_x)
-        prior[DRIFT + own] = merge(M[DRIFT + own], w[DRIFT + own] * stay, own_pair, w[PAIR + own] * alone)
-        copy_honest(spare, other_pair)
-        weight = merge(M[NOISE + own], w[NOISE + own] * stay, spare, w[PAIR + other] * alone)
-        prior[NOISE + own] = merge(M[NOISE + own], weight, M[BOTH], w[BOTH] * alone)
-
-    copy(M[HEALTHY], healthy)
-    copy(M[BOTH], both)
+        drift, noise, other_pair = DRIFT + OTHER_SENSOR * sensor, NOISE + OTHER_SENSOR * sensor, PAIR + 1 - sensor
+        prior[drift] = merge(one, drift, prior[drift], row.two, sensor, w[PAIR + sensor] * alone)
+        weight = merge(one, noise, prior[noise], past, other_pair, w[other_pair] * alone)
+        prior[noise] = merge(one, noise, weight, past, BOTH, w[BOTH] * alone)
 
 
 @njit(cache=True)
-def judge_sensor(
-    M: Any, prior: Any, suspected: float, sensor: int, z: Any, r: Any, p: Hypotheses, w: Any, scratch: Any
-) -> None:
-    """Weigh the four ways in which one `sensor` lies; `suspected` is the weight that comes from HEALTHY.
-
-    M holds predictions; M[HEALTHY] is left as it is. Writes unnormalised weights into `w`.
-    """
-    without, spare = scratch[0], scratch[1]
-    other, own = 1 - sensor, OTHER_SENSOR * sensor
-    walk = p.offset_walk**2
-
-    copy(without, M[HEALTHY])
-    likelihood = observe(without, other, False, z[other], r[other])
-    strange = likelihood * disregard(without, sensor, z[sensor], r[sensor], p.spread)
-
-    m = M[BIAS + own]
-    m[BB] += walk
-    w[BIAS + own] = prior[BIAS + own] * observe(m, other, False, z[other], r[other])
-    w[BIAS + own] *= observe(m, sensor, True, z[sensor], r[sensor])
-    copy(spare, without)
-    accuse(spare, sensor, z[sensor], r[sensor])
-    w[BIAS + own] = merge(m, w[BIAS + own], spare, suspected * strange)
-
-    m = M[DRIFT + own]
-    m[BB] += walk
-    w[DRIFT + own] = prior[DRIFT + own] * observe(m, other, False, z[other], r[other])
-    w[DRIFT + own] *= observe(m, sensor, True, z[sensor], r[sensor])
-    copy(spare, without)
-    spare[BB], spare[SS] = p.drift_start**2, p.drift_slope**2
-    begun = likelihood * observe(spare, sensor, True, z[sensor], r[sensor])
-    w[DRIFT + own] = merge(m, w[DRIFT + own], spare, suspected * begun)
-
-    m = M[NOISE + own]
-    w[NOISE + own] = prior[NOISE + own] * observe(m, other, False, z[other], r[other])
-    w[NOISE + own] *= disregard(m, sensor, z[sensor], r[sensor], p.spread)
-    w[NOISE + own] = merge(m, w[NOISE + own], without, suspected * strange)
-
-    m = M[PAIR + own]
-    m[BB] += walk
-    w[PAIR + own] = prior[PAIR + own] * disregard(m, other, z[other], r[other], p.spread)
-    w[PAIR + own] *= observe(m, sensor, True, z[sensor], r[sensor])
+def begin_lies(found: Any, dt_s: float, q: float, p: Hypotheses) -> None:
+    """Fill the fresh lanes from the predicted HEALTHY: what may have begun since the last reading."""
+    m, one = found.fresh.m, found.one.m
+    for i in range(SIZE):
+        healthy = one[i, HEALTHY]
+        for j in range(LANES):
+            m[i, j] = healthy
+    jolt(m, HEALTHY, dt_s, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least)
+    slow = exp(-0.5 * (m[V, HEALTHY] / p.standstill_mps) ** 2)
+    jump(m, HEALTHY, dt_s, p.standstill_jump_mps**2 * slow)
+    for sensor in (LOCATION, SPEED):
+        drift = DRIFT + OTHER_SENSOR * sensor
+        m[BB, drift] = p.drift_start**2
+        m[SS, drift] = p.drift_slope**2 + p.drift_steep * (found.nu[sensor] / dt_s) ** 2
 
 
 @njit(cache=True)
-def judge(
-    M: Any,
-    w: Any,
-    dt_s: float,
-    z: Any,
-    r: Any,
-    q: float,
-    walk: float,
-    p: Hypotheses,
-    prior: Any,
-    scratch: Any,
-    out: Any,
-) -> bool:
-    """Take one reading: M (COUNT, SIZE) and w (COUNT,) become what is thought after it.
+def read_singles(found: Any, z: Any, r: Any, p: Hypotheses) -> None:
+    """Let the hypotheses of at most one lie take the reading, those that go on and those that begin."""
+    one, fresh, spread = found.one, found.fresh, p.spread
+    unread(one)
+    unread(fresh)
+    x, v = z[LOCATION], z[SPEED]
+    read(one, SPEED, v, r[SPEED], spread, NOISE_V, NO_LANE, BIAS_V, DRIFT_V)
+    read(fresh, SPEED, v, r[SPEED], spread, BIAS_V, NOISE_V, DRIFT_V, NO_LANE)
+    read(one, LOCATION, x, r[LOCATION], spread, NOISE, NO_LANE, BIAS, DRIFT)
+    read(fresh, LOCATION, x, r[LOCATION], spread, BIAS, NOISE, DRIFT, NO_LANE)
+    accuse(fresh.m, BIAS, LOCATION, x, r[LOCATION])
+    accuse(fresh.m, BIAS_V, SPEED, v, r[SPEED])
+
+
+@njit(cache=True)
+def read_pairs(found: Any, z: Any, r: Any, p: Hypotheses) -> None:
+    """Let the hypotheses of two lies take the reading."""
+    two = found.two
+    unread(two)
+    read(two, SPEED, z[SPEED], r[SPEED], p.spread, LOCATION_PAIR, BOTH_PAIR, SPEED_PAIR, NO_LANE)
+    read(two, LOCATION, z[LOCATION], r[LOCATION], p.spread, SPEED_PAIR, BOTH_PAIR, LOCATION_PAIR, NO_LANE)
+    for j in range(PAIRS):
+        found.prior[SINGLE + j] *= likelihood(two, j)
+
+
+@njit(cache=True)
+def join(found: Any) -> None:
+    """Fold what begins into what goes on, by its `share`."""
+    one, fresh, share = found.one.m, found.fresh.m, found.share
+    for j in range(LANES):
+        fold(one, j, fresh, j, share[j])
+
+
+@njit(cache=True)
+def end_lies(row: Any, over: float, count: int, z: Any, r: Any, found: Any) -> None:
+    """Weigh for the first `count` hypotheses that each was true until now and is over; HEALTHY takes over."""
+    past, ended = found.past, found.ended
+    unread(past)
+    for sensor in (SPEED, LOCATION):
+        read(past, sensor, z[sensor], r[sensor], 0.0, NO_LANE, NO_LANE, NO_LANE, NO_LANE)
+    weight = found.prior[HEALTHY]
+    for j in range(1, count):
+        ended[j] = row.w[j] * (over if j < SINGLE else over**2) * likelihood(past, j)
+        weight = merge(found.one.m, HEALTHY, weight, past.m, j, ended[j])
+    found.prior[HEALTHY] = weight
+
+
+@njit(cache=True)
+def judge(row: Any, dt_s: float, z: Any, r: Any, q: float, walk: float, p: Hypotheses, found: Any) -> bool:
+    """Take one reading: a row (HYPOTHESES) becomes what is thought after it; `found` (FINDING) says the rest.
 
     Return whether a covariance had to be mended.
 
@@ -206,64 +317,80 @@ def judge(
         (2,) reading of location and speed, and its variances.
     q, walk
         Density of the calm jerk, m^2/s^5, and of what location and speed differ by, m^2/s.
-    prior, scratch
-        (COUNT,) and (SCRATCH, SIZE), room to work in.
-    out
-        (5,): innovation of location and speed under HEALTHY, and its covariance xx, xv, vv.
     """
+    m, w, prior, nu, cov = found.one.m, row.w, found.prior, found.nu, found.S
     fault = min(0.1, p.faults_per_s * dt_s)
     over = 1.0 - exp(-dt_s / p.fault_s)
+    calm = w[HEALTHY] > CALM
+    take_out(row, found, calm)
+    prior[HEALTHY] = w[HEALTHY] * (1.0 - 2.0 * fault)
+    for j in range(1, SINGLE):
+        prior[j] = w[j] * (1.0 - over) * (1.0 - fault)
+    prior[SINGLE:] = 0.0
+    if not calm:
+        remember(found, COUNT)
+        mix(row, fault, over, p, found)
+        predict(found.past, dt_s, q, walk)
+        predict(found.two, dt_s, q, walk)
+        for pair in (LOCATION_PAIR, SPEED_PAIR):
+            found.two.m[BB, pair] += p.offset_walk**2
+    predict(found.one, dt_s, q, walk)
+    nu[LOCATION], nu[SPEED] = z[LOCATION] - m[X, HEALTHY], z[SPEED] - m[V, HEALTHY]
+    cov[0], cov[1], cov[2] = m[XX, HEALTHY] + r[LOCATION], m[XV, HEALTHY], m[VV, HEALTHY] + r[SPEED]
+    nis = cov[2] * nu[LOCATION] ** 2 - 2.0 * cov[1] * nu[LOCATION] * nu[SPEED] + cov[0] * nu[SPEED] ** 2
+    quiet = calm and nis < CALM_NIS * (cov[0] * cov[2] - cov[1] ** 2)
+    if calm and not quiet:
+        remember(found, SINGLE)
+    begin_lies(found, dt_s, q, p)
+    for j in (BIAS, DRIFT, BIAS_V, DRIFT_V):
+        m[BB, j] += p.offset_walk**2
+    read_singles(found, z, r, p)
+
     suspected = w[HEALTHY] * fault / 3.0
-    mix(M, w, fault, over, p, prior, scratch)
-    for j in range(COUNT):
-        predict(M[j], dt_s, q, walk)
-    m, spare = M[HEALTHY], scratch[2]
-    out[0], out[1] = z[LOCATION] - m[X], z[SPEED] - m[V]
-    out[2], out[3], out[4] = m[XX] + r[LOCATION], m[XV], m[VV] + r[SPEED]
-
-    judge_sensor(M, prior, suspected, LOCATION, z, r, p, w, scratch)
-    judge_sensor(M, prior, suspected, SPEED, z, r, p, w, scratch)
-    w[BOTH] = prior[BOTH] * disregard(M[BOTH], LOCATION, z[LOCATION], r[LOCATION], p.spread)
-    w[BOTH] *= disregard(M[BOTH], SPEED, z[SPEED], r[SPEED], p.spread)
-
-    copy(spare, m)
-    jolt(spare, dt_s, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least)
-    jump(spare, dt_s, p.standstill_jump_mps**2 * exp(-0.5 * (m[V] / p.standstill_mps) ** 2))
-    calm = prior[HEALTHY] * (1.0 - p.manoeuvre)
     lively = prior[HEALTHY] * p.manoeuvre
-    for sensor in (SPEED, LOCATION):
-        calm *= observe(m, sensor, False, z[sensor], r[sensor])
-        lively *= observe(spare, sensor, False, z[sensor], r[sensor])
-    w[HEALTHY] = merge(m, calm + 1e-280, spare, lively)
+    prior[HEALTHY] *= 1.0 - p.manoeuvre
+    for j in range(SINGLE):
+        came = (lively if j == HEALTHY else suspected) * likelihood(found.fresh, j)
+        prior[j] = prior[j] * likelihood(found.one, j) + came + 1e-280
+        found.share[j] = came / prior[j]
+    join(found)
+    found.ended[:] = 0.0
+    if not quiet:
+        end_lies(row, over, SINGLE if calm else COUNT, z, r, found)
+    if not calm:
+        read_pairs(found, z, r, p)
     if z[SPEED] < -5.0 * r[SPEED] ** 0.5:
         # A speed is a magnitude: below zero beyond all noise, its sensor lies whatever the motion says.
-        w[HEALTHY] *= IMPOSSIBLE
-        for j in (BIAS, DRIFT, NOISE):
-            w[j] *= IMPOSSIBLE
-    total, mended = w.sum(), False
+        prior[: NOISE + 1] *= IMPOSSIBLE
+    total = prior.sum()
     for j in range(COUNT):
-        w[j] = max(w[j] / total, WEIGHT_FLOOR)
-        mended |= mend(M[j])
+        w[j] = max(prior[j] / total, WEIGHT_FLOOR)
+        found.ended[j] /= total
+    mended = mend(found.one)
+    if not calm:
+        mended |= mend(found.two)
+    put_back(row, found, calm)
     return mended
 
 
 @njit(cache=True)
-def give_in(M: Any, w: Any, location: bool, speed: bool, z: Any, r: Any, p: Hypotheses, scratch: Any) -> None:
-    """Believe `location`, `speed` or both from their present reading on, and keep what is known of the rest.
+def give_in(row: Any, location: bool, speed: bool, mean: Any, z: Any, r: Any, p: Hypotheses) -> None:
+    """Believe `location`, `speed` or both from their present reading on, and keep the rest of the estimate `mean`.
 
     A sensor whose neighbour is not believed yet stays suspected.
     """
+    w = row.w
     wrong_x, wrong_v = suspicion(w)
-    honest = scratch[0]
-    blend(M, w, honest)
     if location:
-        honest[X], honest[XX], honest[XV], honest[XA] = z[LOCATION], r[LOCATION], 0.0, 0.0
+        mean[X], mean[XX], mean[XV], mean[XA] = z[LOCATION], r[LOCATION], 0.0, 0.0
     if speed:
-        honest[V], honest[VV], honest[XV], honest[VA] = z[SPEED], r[SPEED], 0.0, 0.0
-        honest[A], honest[XA], honest[AA] = 0.0, 0.0, p.a_std_mps2**2
-    for j in range(COUNT):
-        copy(M[j], honest)
-        w[j] = WEIGHT_FLOOR
+        mean[V], mean[VV], mean[XV], mean[VA] = z[SPEED], r[SPEED], 0.0, 0.0
+        mean[A], mean[XA], mean[AA] = 0.0, 0.0, p.a_std_mps2**2
+    for j in range(LANES):
+        row.one[:, j] = mean
+    for j in range(PAIRS):
+        row.two[:, j] = mean
+    w[:] = WEIGHT_FLOOR
     if wrong_v > 0.5 and not speed:
         w[NOISE + OTHER_SENSOR] = 1.0
     elif wrong_x > 0.5 and not location:
@@ -275,8 +402,6 @@ def give_in(M: Any, w: Any, location: bool, speed: bool, z: Any, r: Any, p: Hypo
 @njit(cache=True)
 def suspicion(w: Any) -> tuple[float, float]:
     """Return the probabilities that the location and that the speed lie."""
-    two = w[PAIR] + w[PAIR + OTHER_SENSOR] + w[BOTH]
-    return (
-        w[BIAS] + w[DRIFT] + w[NOISE] + two,
-        w[BIAS + OTHER_SENSOR] + w[DRIFT + OTHER_SENSOR] + w[NOISE + OTHER_SENSOR] + two,
-    )
+    two = w[SINGLE:].sum()
+    own, other = w[BIAS:BIAS_V].sum(), w[BIAS_V:SINGLE].sum()
+    return own + two, other + two

@@ -17,9 +17,9 @@ from numba import njit
 
 from headway.core.budget import TAIL, Budget, false_alarms_per_hour, gate, learn
 from headway.core.config import DetectorConfig
-from headway.core.diagnose import name_lie
-from headway.core.hypotheses import COUNT, HEALTHY, SCRATCH, Hypotheses, begin_all, judge
-from headway.core.motion import LOCATION, SIZE, SPEED, VV, XX, V, X, blend
+from headway.core.diagnose import name_lie, name_past_lie
+from headway.core.hypotheses import FINDING, HEALTHY, HYPOTHESES, WEIGHT_FLOOR, Hypotheses, begin_all, estimate, judge
+from headway.core.motion import LOCATION, SIZE, SPEED, VV, XX, A, V, X
 from headway.core.noise_levels import LEVELS, Levels, begin_levels, interrupt, learn_levels, step_size
 from headway.core.relent import relent
 
@@ -29,10 +29,11 @@ HEADWAY = np.dtype(
     [
         ("count", "i8"),  # readings taken; 0: a row not begun
         ("t_s", "f8"),
-        ("w", "f8", (COUNT,)),  # probabilities of the hypotheses
-        ("M", "f8", (COUNT, SIZE)),  # the hypotheses, each as in `motion`
+        *((name, HYPOTHESES[name]) for name in HYPOTHESES.names or ()),
         ("levels", LEVELS),
         ("tail", TAIL),
+        ("slipped_m", "f8"),  # how far the location has moved beside the speed, by slip and lag
+        ("a_mps2", "f8"),  # estimate after the newest reading
         ("heard_s", "f8"),
         ("relented_s", "f8"),  # event time at which a sensor was last believed again, or the row begun
         ("wrong_s", "f8", (2,)),  # for how long location and speed have been suspected without a break
@@ -64,18 +65,19 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
     """Return the model's numbers; those of a sensor and a driver are only where the learning starts."""
     return HeadwayParams(
         hypotheses=Hypotheses(
-            faults_per_s=0.003,
+            faults_per_s=0.0012,
             fault_s=1.0,
             manoeuvre=0.003,
-            manoeuvre_jerk=300.0,
-            manoeuvre_least=1.0,
+            manoeuvre_jerk=90.0,
+            manoeuvre_least=0.2,
             standstill_mps=0.6,
             standstill_jump_mps=0.4,
             spread=0.3,
             drift_start=0.1,
             drift_slope=0.3,
+            drift_steep=0.1,
             offset_walk=0.005,
-            a_std_mps2=1.0,
+            a_std_mps2=2.0,
         ),
         levels=Levels(
             x_std_m=0.02,
@@ -96,9 +98,10 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             sign_share=0.5,
             walk_seen=0.5,
             walk_fade=0.01,
-            scale_step=5e-4,
-            scale_most=0.1,
-            moving_mps=3.0,
+            slip_step=0.003,
+            slip_most_mps=2.0,
+            lag_step_s=0.0005,
+            lag_most_s=0.3,
         ),
         budget=Budget(
             alarms_per_hour=config.alarm_budget_per_hour,
@@ -119,15 +122,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
     )
 
 
-ROOM = np.dtype(
-    [
-        ("prior", "f8", (COUNT,)),
-        ("scratch", "f8", (SCRATCH, SIZE)),
-        ("out", "f8", (5,)),
-        ("reading", "f8", (2,)),
-    ],
-    align=True,
-)
+ROOM = np.dtype([("found", FINDING), ("reading", "f8", (2,)), ("mean", "f8", (SIZE,))], align=True)
 """What `step` works in. A record, since slices of an array are counted references, and parts of a record are not."""
 
 
@@ -137,15 +132,8 @@ def start(row: Any, z: Any, p: HeadwayParams) -> None:
     if row.levels.r[LOCATION] == 0.0:
         begin_levels(row.levels, p.levels)
     interrupt(row.levels)
-    begin_all(
-        row.M,
-        row.w,
-        z.x_m,
-        z.v_mps / (1.0 + row.levels.scale),
-        row.levels.r[LOCATION],
-        row.levels.r[SPEED],
-        p.hypotheses,
-    )
+    begin_all(row, z.x_m, z.v_mps, row.levels.r, p.hypotheses)
+    row.slipped_m, row.a_mps2 = 0.0, 0.0
     row.wrong_s[:] = 0.0
     row.heard_s = 0.0
     row.relented_s = z.t_s
@@ -154,64 +142,78 @@ def start(row: Any, z: Any, p: HeadwayParams) -> None:
 
 
 @njit(cache=True)
+def log_odds(lies: float, honest: float) -> float:
+    """Return ln(lies : honest), within the range that weights have."""
+    return float(log(max(lies, WEIGHT_FLOOR) / max(honest, WEIGHT_FLOOR)))
+
+
+@njit(cache=True)
 def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     """Judge one reading (READING) against one row (HEADWAY), in place, and write the VERDICT."""
-    prior, scratch, out, reading = room.prior, room.scratch, room.out, room.reading
-    reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps / (1.0 + row.levels.scale)
+    levels, w, found, reading, mean = row.levels, row.w, room.found, room.reading, room.mean
+    nu, cov, ended = found.nu, found.S, found.ended
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
+    row.slipped_m += (levels.slip + levels.lag_s * row.a_mps2) * dt_s
     if row.count == 0 or dt_s > p.max_gap_s:
         verdict.restarted = row.count > 0
         start(row, z, p)
         dt_s = 0.0
-        out[0], out[1] = 0.0, 0.0
-        out[2], out[3], out[4] = row.levels.r[LOCATION], 0.0, row.levels.r[SPEED]
+        nu[:], ended[:] = 0.0, 0.0
+        cov[0], cov[1], cov[2] = levels.r[LOCATION], 0.0, levels.r[SPEED]
+        reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps
     else:
-        verdict.repaired = judge(
-            row.M, row.w, dt_s, reading, row.levels.r, row.levels.q, row.levels.walk, p.hypotheses, prior, scratch, out
-        )
+        reading[LOCATION], reading[SPEED] = z.x_m - row.slipped_m, z.v_mps
+        verdict.repaired = judge(row, dt_s, reading, levels.r, levels.q, levels.walk, p.hypotheses, found)
     row.count += 1
-    statistic = log((1.0 - row.w[HEALTHY] if row.w[HEALTHY] < 0.5 else row.w[1:].sum()) / row.w[HEALTHY])
     verdict.warming = row.count <= p.warming_readings
-    verdict.statistic = statistic
-    unsettled = step_size(row.levels, p.levels) - p.levels.slowest
-    verdict.gate = gate(row.tail, p.budget) + p.caution * unsettled
-    verdict.anomalous = not verdict.warming and statistic > verdict.gate
-    verdict.p_value = min(1.0, false_alarms_per_hour(row.tail, statistic, p.budget) * dt_s / 3600.0)
+    lies, over_now = 1.0 - w[HEALTHY] if w[HEALTHY] < 0.5 else w[1:].sum(), ended.sum()
+    lies_now = log_odds(lies, w[HEALTHY])
+    lied_just_now = log_odds(lies + over_now, w[HEALTHY] - over_now)
+    verdict.gate = gate(row.tail, p.budget) + p.caution * (step_size(levels, p.levels) - p.levels.slowest)
+    # A lie that is noticed only as it ends is an alarm as well; one that was told of before is simply over.
+    late = lies_now <= verdict.gate and row.run[LOCATION] + row.run[SPEED] == 0
+    verdict.statistic = lied_just_now if late and lied_just_now > verdict.gate else lies_now
+    verdict.anomalous = not verdict.warming and verdict.statistic > verdict.gate
+    verdict.p_value = min(1.0, false_alarms_per_hour(row.tail, verdict.statistic, p.budget) * dt_s / 3600.0)
     if verdict.anomalous:
         over = 1.0 - exp(-dt_s / p.hypotheses.fault_s)
-        verdict.sensor, verdict.kind, verdict.confidence = name_lie(row.w, row.run, over)
+        if late:
+            ended += w
+            verdict.sensor, verdict.kind, verdict.confidence = name_past_lie(ended)
+        else:
+            verdict.sensor, verdict.kind, verdict.confidence = name_lie(w, row.run, over)
     else:
         row.run[:] = 0
 
-    mean = scratch[0]
-    blend(row.M, row.w, mean)
-    verdict.x_m, verdict.v_mps = mean[X], mean[V]
+    estimate(row, mean)
+    verdict.x_m, verdict.v_mps = mean[X] + row.slipped_m, mean[V]
     verdict.x_std_m, verdict.v_std_mps = sqrt(mean[XX]), sqrt(mean[VV])
-    verdict.nu[0], verdict.nu[1] = out[0], out[1]
-    verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = out[2], out[3], out[3], out[4]
-    nis = out[4] * out[0] ** 2 - 2.0 * out[3] * out[0] * out[1] + out[2] * out[1] ** 2
-    verdict.nis = nis / (out[2] * out[4] - out[3] ** 2)
+    verdict.nu[0], verdict.nu[1] = nu[LOCATION], nu[SPEED]
+    verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = cov[0], cov[1], cov[1], cov[2]
+    nis = cov[2] * nu[LOCATION] ** 2 - 2.0 * cov[1] * nu[LOCATION] * nu[SPEED] + cov[0] * nu[SPEED] ** 2
+    verdict.nis = nis / (cov[0] * cov[2] - cov[1] ** 2)
 
-    if not verdict.warming and row.levels.learnt > p.settled_readings:
-        learn(row.tail, statistic, verdict.anomalous, dt_s, p.budget)
-    if dt_s > 0.0 and row.w[HEALTHY] > TRUSTED:
-        learn_levels(row.levels, mean[V], out[0], out[1], out[2], out[4], p.levels)
+    if not verdict.warming and levels.learnt > p.settled_readings:
+        learn(row.tail, lied_just_now, verdict.anomalous, dt_s, p.budget)
+    if dt_s > 0.0 and w[HEALTHY] > TRUSTED:
+        learn_levels(levels, row.a_mps2, nu, cov, p.levels)
     else:
-        interrupt(row.levels)
-    if relent(row, reading, dt_s, p, scratch):
+        interrupt(levels)
+    row.a_mps2 = mean[A]
+    if relent(row, mean, reading, dt_s, p):
         verdict.restarted = True
 
 
 @njit(cache=True)
 def step_row(row: Any, z: Any, p: HeadwayParams, verdict: Any) -> None:
     """Judge one reading against one row."""
-    step(row, z, p, verdict, np.empty(1, ROOM)[0])
+    step(row, z, p, verdict, np.zeros(1, ROOM)[0])
 
 
 @njit(cache=True)
 def step_batch(bank: Any, rows: Any, readings: Any, p: HeadwayParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
-    room = np.empty(1, ROOM)
+    room = np.zeros(1, ROOM)
     for i in range(rows.size):
         step(bank[rows[i]], readings[i], p, verdicts[i], room[0])

@@ -1,17 +1,21 @@
-"""One hypothesis about one vehicle: a Kalman filter for a car whose one sensor may lie by an offset.
+"""Kalman filters for one car whose one sensor may lie by an offset, several of them side by side.
 
-State of a hypothesis, m = [x, v, a, b, s]: location, speed, acceleration of the car; offset b of the sensor that lies
-and its slope s. Motion is exact in x' = v, with white jerk of density q (m^2/s^5); a lie is a straight line in time:
+State of a filter: location x, speed v, acceleration a of the car; offset b of the sensor that lies, and its slope s.
+Motion is exact in x' = v, with white jerk of density q (m^2/s^5); a lie is a straight line in time:
 
     x' = v    v' = a    a' = jerk    b' = s    s' = 0
 
-A row of SIZE floats holds the five means and the upper triangle of their covariance, by the names below. Sensors are
-taken one after the other (scalar updates), so that a bad one can be left out.
+Filters are columns ("lanes") of an array m (SIZE, width), whose rows are the five means and the upper triangle of the
+covariance, by the names below: what is done to all lanes alike is a loop that the compiler turns into vector
+instructions. For that the width must be part of the type, so such functions take the record that holds m (`lanes`);
+eight lanes fill a register, and what they are computed with is in the same record or a scalar.
+Sensors are taken one after the other (scalar updates), so that a bad one can be left out.
 """
 
 from math import exp, sqrt
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 X, V, A, B, S = range(5)
@@ -19,242 +23,241 @@ XX, XV, XA, XB, XS, VV, VA, VB, VS, AA, AB, AS, BB, BS, SS = range(5, 20)
 SIZE = 20
 
 LOCATION, SPEED = 0, 1
+NO_LANE = -1
 VARIANCE_FLOOR = 1e-6
 NEGLIGIBLE = 1e-9
 """Share of a mixture that leaves no trace in it."""
 TAU = 6.283185307179586
 
 
+def lanes(width: int) -> np.dtype[np.void]:
+    """Return the record of `width` filters; `density` and `exponent` say how likely readings were (`likelihood`)."""
+    return np.dtype([("m", "f8", (SIZE, width)), ("density", "f8", (width,)), ("exponent", "f8", (width,))])
+
+
 @njit(cache=True)
-def copy(into: Any, m: Any) -> None:
-    """Overwrite a hypothesis by another."""
+def begin(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float, a_var: float) -> None:
+    """Start lane j at a reading with variances `r_x`, `r_v`, at rest in a, without a lie."""
+    m[:, j] = 0.0
+    m[X, j], m[V, j] = x_m, v_mps
+    m[XX, j], m[VV, j], m[AA, j] = r_x, r_v, a_var
+
+
+@njit(cache=True)
+def copy(m: Any, into: int, other: Any, j: int) -> None:
+    """Overwrite lane `into` of m by lane j of `other`."""
     for i in range(SIZE):
-        into[i] = m[i]
+        m[i, into] = other[i, j]
 
 
 @njit(cache=True)
-def copy_honest(into: Any, m: Any) -> None:
-    """Overwrite a hypothesis by another without its lie."""
-    copy(into, m)
-    into[B], into[S] = 0.0, 0.0
-    into[XB], into[XS], into[VB], into[VS], into[AB], into[AS] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    into[BB], into[BS], into[SS] = 0.0, 0.0, 0.0
+def acquit(m: Any, j: int) -> None:
+    """Take the lie out of lane j."""
+    for i in (B, S, XB, XS, VB, VS, AB, AS, BB, BS, SS):
+        m[i, j] = 0.0
 
 
 @njit(cache=True)
-def begin(m: Any, x_m: float, v_mps: float, r_x: float, r_v: float, a_var: float) -> None:
-    """Start at a reading with variances `r_x`, `r_v`, at rest in a, without a lie."""
-    m[:] = 0.0
-    m[X], m[V] = x_m, v_mps
-    m[XX], m[VV], m[AA] = r_x, r_v, a_var
-
-
-@njit(cache=True)
-def jolt(m: Any, dt_s: float, q: float) -> None:
-    """Add what white jerk of density `q` does to the covariance in `dt_s`."""
+def jolt(m: Any, j: int, dt_s: float, q: float) -> None:
+    """Add what white jerk of density `q` does to the covariance of lane j in `dt_s`."""
     h = dt_s
-    m[XX] += q * h**5 / 20.0
-    m[XV] += q * h**4 / 8.0
-    m[XA] += q * h**3 / 6.0
-    m[VV] += q * h**3 / 3.0
-    m[VA] += q * h**2 / 2.0
-    m[AA] += q * h
+    m[XX, j] += q * h**5 / 20.0
+    m[XV, j] += q * h**4 / 8.0
+    m[XA, j] += q * h**3 / 6.0
+    m[VV, j] += q * h**3 / 3.0
+    m[VA, j] += q * h**2 / 2.0
+    m[AA, j] += q * h
 
 
 @njit(cache=True)
-def jump(m: Any, dt_s: float, v_var: float) -> None:
+def jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
     """Add a jump of the speed somewhere within `dt_s`, on average in its middle; a is as good as unknown after it."""
-    m[XX] += 0.25 * dt_s**2 * v_var
-    m[XV] += 0.5 * dt_s * v_var
-    m[VV] += v_var
-    m[AA] += v_var / dt_s
+    m[XX, j] += 0.25 * dt_s**2 * v_var
+    m[XV, j] += 0.5 * dt_s * v_var
+    m[VV, j] += v_var
+    m[AA, j] += v_var / dt_s
 
 
 @njit(cache=True)
-def predict(m: Any, dt_s: float, q: float, walk: float) -> None:
-    """Carry m on by `dt_s`: m = F m, P = F P F' + Q, with F the exact solution of the equations above.
+def predict(lanes: Any, dt_s: float, q: float, walk: float) -> None:
+    """Carry every lane on by `dt_s`: m = F m, P = F P F' + Q, with F the exact solution of the equations above.
 
     `walk` (m^2/s) is how the location strays from the integral of the speed: reported ones do, by satellite.
     """
+    m = lanes.m
     h, g = dt_s, 0.5 * dt_s**2
-    m[X] += h * m[V] + g * m[A]
-    m[V] += h * m[A]
-    m[B] += h * m[S]
-    # F P, row by row ...
-    xx = m[XX] + h * m[XV] + g * m[XA]
-    xv = m[XV] + h * m[VV] + g * m[VA]
-    xa = m[XA] + h * m[VA] + g * m[AA]
-    xb = m[XB] + h * m[VB] + g * m[AB]
-    xs = m[XS] + h * m[VS] + g * m[AS]
-    vv = m[VV] + h * m[VA]
-    va = m[VA] + h * m[AA]
-    vb = m[VB] + h * m[AB]
-    vs = m[VS] + h * m[AS]
-    bb = m[BB] + h * m[BS]
-    bs = m[BS] + h * m[SS]
-    # ... and then F P F'.
-    m[XX] = xx + h * xv + g * xa
-    m[XV] = xv + h * xa
-    m[XA] = xa
-    m[XB] = xb + h * xs
-    m[XS] = xs
-    m[VV] = vv + h * va
-    m[VA] = va
-    m[VB] = vb + h * vs
-    m[VS] = vs
-    m[AB] += h * m[AS]
-    m[BB] = bb + h * bs
-    m[BS] = bs
-    m[XX] += walk * dt_s
-    jolt(m, dt_s, q)
+    q_xx, q_xv, q_xa = q * h**5 / 20.0 + walk * dt_s, q * h**4 / 8.0, q * h**3 / 6.0
+    q_vv, q_va, q_aa = q * h**3 / 3.0, q * h**2 / 2.0, q * h
+    for j in range(m.shape[1]):
+        m[X, j] += h * m[V, j] + g * m[A, j]
+        m[V, j] += h * m[A, j]
+        m[B, j] += h * m[S, j]
+        # F P, row by row ...
+        xx = m[XX, j] + h * m[XV, j] + g * m[XA, j]
+        xv = m[XV, j] + h * m[VV, j] + g * m[VA, j]
+        xa = m[XA, j] + h * m[VA, j] + g * m[AA, j]
+        xb = m[XB, j] + h * m[VB, j] + g * m[AB, j]
+        xs = m[XS, j] + h * m[VS, j] + g * m[AS, j]
+        vv = m[VV, j] + h * m[VA, j]
+        va = m[VA, j] + h * m[AA, j]
+        vb = m[VB, j] + h * m[AB, j]
+        vs = m[VS, j] + h * m[AS, j]
+        bb = m[BB, j] + h * m[BS, j]
+        bs = m[BS, j] + h * m[SS, j]
+        # ... and then F P F' + Q.
+        m[XX, j] = xx + h * xv + g * xa + q_xx
+        m[XV, j] = xv + h * xa + q_xv
+        m[XA, j] = xa + q_xa
+        m[XB, j] = xb + h * xs
+        m[XS, j] = xs
+        m[VV, j] = vv + h * va + q_vv
+        m[VA, j] = va + q_va
+        m[VB, j] = vb + h * vs
+        m[VS, j] = vs
+        m[AA, j] += q_aa
+        m[AB, j] += h * m[AS, j]
+        m[BB, j] = bb + h * bs
+        m[BS, j] = bs
 
 
 @njit(cache=True)
-def observe(m: Any, sensor: int, lying: bool, z: float, r: float) -> float:
-    """Update m by one sensor's reading `z` of variance `r`; `lying`: its offset b is in it. Return the likelihood."""
-    if sensor == LOCATION:
-        nu = z - m[X]
-        hx, hv, ha, hb, hs = m[XX], m[XV], m[XA], m[XB], m[XS]
-    else:
-        nu = z - m[V]
-        hx, hv, ha, hb, hs = m[XV], m[VV], m[VA], m[VB], m[VS]
-    if lying:
-        nu -= m[B]
-        hx += m[XB]
-        hv += m[VB]
-        ha += m[AB]
-        hb += m[BB]
-        hs += m[BS]
-    # Never below r but for rounding: x and b may be known to the digit in their sum and to a hundred metres apart.
-    var = max((hx if sensor == LOCATION else hv) + (hb if lying else 0.0) + r, r)
-    w = 1.0 / var
-    kx, kv, ka, kb, ks = w * hx, w * hv, w * ha, w * hb, w * hs
-    m[X] += kx * nu
-    m[V] += kv * nu
-    m[A] += ka * nu
-    m[B] += kb * nu
-    m[S] += ks * nu
-    m[XX] -= kx * hx
-    m[XV] -= kx * hv
-    m[XA] -= kx * ha
-    m[XB] -= kx * hb
-    m[XS] -= kx * hs
-    m[VV] -= kv * hv
-    m[VA] -= kv * ha
-    m[VB] -= kv * hb
-    m[VS] -= kv * hs
-    m[AA] -= ka * ha
-    m[AB] -= ka * hb
-    m[AS] -= ka * hs
-    m[BB] -= kb * hb
-    m[BS] -= kb * hs
-    m[SS] -= ks * hs
-    return float(exp(-0.5 * nu * nu * w) * sqrt(w / TAU))
+def unread(lanes: Any) -> None:
+    """Forget how likely earlier readings were."""
+    for j in range(lanes.density.size):
+        lanes.density[j], lanes.exponent[j] = 1.0, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def read(
+    lanes: Any, sensor: int, z: float, r: float, spread: float, deaf: int, deaf_too: int, lying: int, lying_too: int
+) -> None:
+    """Update every lane by one sensor's reading `z` of variance `r`, and note how likely it was.
+
+    In the lanes `deaf` and `deaf_too` the reading means nothing and changes nothing: it is Student's t with two degrees
+    of freedom, whose scale is `spread` on top of what state and sensor leave open, and whose tails forgive any size.
+    In the lanes `lying` and `lying_too` the offset b is in the reading. NO_LANE is none.
+    """
+    m, density, exponent = lanes.m, lanes.density, lanes.exponent
+    x, v = (1.0, 0.0) if sensor == LOCATION else (0.0, 1.0)
+    for j in range(m.shape[1]):
+        u = 0.0 if j in (deaf, deaf_too) else 1.0
+        lie = 1.0 if j in (lying, lying_too) else 0.0
+        off = z - (x * m[X, j] + v * m[V, j])
+        nu = off - lie * m[B, j]
+        seen = x * m[XX, j] + v * m[VV, j]
+        hx = x * m[XX, j] + v * m[XV, j] + lie * m[XB, j]
+        hv = x * m[XV, j] + v * m[VV, j] + lie * m[VB, j]
+        ha = x * m[XA, j] + v * m[VA, j] + lie * m[AB, j]
+        hb = x * m[XB, j] + v * m[VB, j] + lie * m[BB, j]
+        hs = x * m[XS, j] + v * m[VS, j] + lie * m[BS, j]
+        # Never below r but for rounding: x and b may be known to the digit in their sum and to a hundred metres apart.
+        var = x * hx + v * hv + lie * hb + r
+        var = max(var, r)
+        w = u / var
+        kx, kv, ka, kb, ks = w * hx, w * hv, w * ha, w * hb, w * hs
+        m[X, j] += kx * nu
+        m[V, j] += kv * nu
+        m[A, j] += ka * nu
+        m[B, j] += kb * nu
+        m[S, j] += ks * nu
+        m[XX, j] -= kx * hx
+        m[XV, j] -= kx * hv
+        m[XA, j] -= kx * ha
+        m[XB, j] -= kx * hb
+        m[XS, j] -= kx * hs
+        m[VV, j] -= kv * hv
+        m[VA, j] -= kv * ha
+        m[VB, j] -= kv * hb
+        m[VS, j] -= kv * hs
+        m[AA, j] -= ka * ha
+        m[AB, j] -= ka * hb
+        m[AS, j] -= ka * hs
+        m[BB, j] -= kb * hb
+        m[BS, j] -= kb * hs
+        m[SS, j] -= ks * hs
+        wide = seen + r + spread * spread
+        c = 1.0 + 0.5 * off * off / wide
+        density[j] *= u * sqrt(1.0 / (TAU * var)) + (1.0 - u) * sqrt(0.125 / (wide * c)) / c
+        exponent[j] += w * nu * nu
 
 
 @njit(cache=True)
-def accuse(m: Any, sensor: int, z: float, r: float) -> None:
+def accuse(m: Any, j: int, sensor: int, z: float, r: float) -> None:
     """Let `sensor`, not yet used at this instant, lie by exactly what its reading `z` differs, of variance P + r."""
     if sensor == LOCATION:
-        m[B] = z - m[X]
-        m[XB], m[VB], m[AB], m[BB] = -m[XX], -m[XV], -m[XA], m[XX] + r
+        m[B, j] = z - m[X, j]
+        m[XB, j], m[VB, j], m[AB, j], m[BB, j] = -m[XX, j], -m[XV, j], -m[XA, j], m[XX, j] + r
     else:
-        m[B] = z - m[V]
-        m[XB], m[VB], m[AB], m[BB] = -m[XV], -m[VV], -m[VA], m[VV] + r
-    m[S], m[XS], m[VS], m[AS], m[BS], m[SS] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        m[B, j] = z - m[V, j]
+        m[XB, j], m[VB, j], m[AB, j], m[BB, j] = -m[XV, j], -m[VV, j], -m[VA, j], m[VV, j] + r
+    for i in (S, XS, VS, AS, BS, SS):
+        m[i, j] = 0.0
 
 
 @njit(cache=True)
-def disregard(m: Any, sensor: int, z: float, r: float, spread: float) -> float:
-    """Return the likelihood of a reading that means nothing: Student's t with two degrees of freedom.
-
-    Its scale is `spread` on top of what the state and the sensor leave open; its tails forgive any size.
-    """
-    if sensor == LOCATION:
-        nu, var = z - m[X], m[XX] + r
-    else:
-        nu, var = z - m[V], m[VV] + r
-    var += spread**2
-    u = 1.0 + 0.5 * nu * nu / var
-    return float(1.0 / (2.0 * sqrt(2.0 * var) * u * sqrt(u)))
+def likelihood(lanes: Any, j: int) -> float:
+    """Return how likely the readings since `unread` were in lane j."""
+    return float(lanes.density[j] * exp(-0.5 * lanes.exponent[j]))
 
 
 @njit(cache=True)
-def mend(m: Any) -> bool:
-    """Make the covariance positive again where rounding has not left it so; return whether that was needed.
+def mend(lanes: Any) -> bool:
+    """Make every lane's covariance positive again; return whether one was not. Takes the room of `density`.
 
     Updates subtract, and a location a million metres off leaves no digits. What is known is then only kept to the
     size of the variances: correlations are dropped.
     """
-    xx, vv, aa = m[XX], m[VV], m[AA]
-    minor = xx * vv - m[XV] ** 2
-    det = aa * minor - m[VA] * (xx * m[VA] - m[XV] * m[XA]) + m[XA] * (m[XV] * m[VA] - vv * m[XA])
-    if xx > 0.0 and minor > 0.0 and det > 0.0 and m[BB] >= 0.0 and m[SS] >= 0.0:
-        return False
-    bb, ss = m[BB], m[SS]
-    m[XX:] = 0.0
-    m[XX], m[VV], m[AA] = max(xx, VARIANCE_FLOOR), max(vv, VARIANCE_FLOOR), max(aa, VARIANCE_FLOOR)
-    m[BB], m[SS] = max(bb, 0.0), max(ss, 0.0)
-    return True
+    m, least = lanes.m, lanes.density
+    for j in range(m.shape[1]):
+        xx, vv, aa, xv, xa, va = m[XX, j], m[VV, j], m[AA, j], m[XV, j], m[XA, j], m[VA, j]
+        minor = xx * vv - xv * xv
+        det = aa * minor - va * (xx * va - xv * xa) + xa * (xv * va - vv * xa)
+        lies = min(m[BB, j], m[SS, j])
+        least[j] = min(xx, minor, det, lies if lies < 0.0 else 1.0)
+    mended = False
+    for j in range(m.shape[1]):
+        if not least[j] > 0.0:
+            mended = True
+            xx, vv, aa, bb, ss = m[XX, j], m[VV, j], m[AA, j], m[BB, j], m[SS, j]
+            for i in range(XX, SIZE):
+                m[i, j] = 0.0
+            m[XX, j], m[VV, j], m[AA, j] = max(xx, VARIANCE_FLOOR), max(vv, VARIANCE_FLOOR), max(aa, VARIANCE_FLOOR)
+            m[BB, j], m[SS, j] = max(bb, 0.0), max(ss, 0.0)
+    return mended
 
 
-@njit(cache=True)
-def merge(m: Any, weight: float, other: Any, weight_other: float) -> float:
-    """Fold `other` into m, keeping mean and covariance of the mixture; return the sum of the weights."""
-    total = weight + weight_other
-    if weight_other <= NEGLIGIBLE * total:
-        return total
-    f = weight_other / total
+@njit(cache=True, inline="always")
+def fold(m: Any, into: int, other: Any, j: int, f: float) -> None:
+    """Make lane `into` of m the one Gaussian for a mixture: a share `f` of lane j of `other`, the rest of itself."""
     g = f * (1.0 - f)
-    dx, dv, da, db, ds = other[X] - m[X], other[V] - m[V], other[A] - m[A], other[B] - m[B], other[S] - m[S]
-    for i in range(SIZE):
-        m[i] += f * (other[i] - m[i])
-    m[XX] += g * dx * dx
-    m[XV] += g * dx * dv
-    m[XA] += g * dx * da
-    m[XB] += g * dx * db
-    m[XS] += g * dx * ds
-    m[VV] += g * dv * dv
-    m[VA] += g * dv * da
-    m[VB] += g * dv * db
-    m[VS] += g * dv * ds
-    m[AA] += g * da * da
-    m[AB] += g * da * db
-    m[AS] += g * da * ds
-    m[BB] += g * db * db
-    m[BS] += g * db * ds
-    m[SS] += g * ds * ds
-    return total
+    dx, dv, da = other[X, j] - m[X, into], other[V, j] - m[V, into], other[A, j] - m[A, into]
+    db, ds = other[B, j] - m[B, into], other[S, j] - m[S, into]
+    m[X, into] += f * dx
+    m[V, into] += f * dv
+    m[A, into] += f * da
+    m[B, into] += f * db
+    m[S, into] += f * ds
+    m[XX, into] += f * (other[XX, j] - m[XX, into]) + g * dx * dx
+    m[XV, into] += f * (other[XV, j] - m[XV, into]) + g * dx * dv
+    m[XA, into] += f * (other[XA, j] - m[XA, into]) + g * dx * da
+    m[XB, into] += f * (other[XB, j] - m[XB, into]) + g * dx * db
+    m[XS, into] += f * (other[XS, j] - m[XS, into]) + g * dx * ds
+    m[VV, into] += f * (other[VV, j] - m[VV, into]) + g * dv * dv
+    m[VA, into] += f * (other[VA, j] - m[VA, into]) + g * dv * da
+    m[VB, into] += f * (other[VB, j] - m[VB, into]) + g * dv * db
+    m[VS, into] += f * (other[VS, j] - m[VS, into]) + g * dv * ds
+    m[AA, into] += f * (other[AA, j] - m[AA, into]) + g * da * da
+    m[AB, into] += f * (other[AB, j] - m[AB, into]) + g * da * db
+    m[AS, into] += f * (other[AS, j] - m[AS, into]) + g * da * ds
+    m[BB, into] += f * (other[BB, j] - m[BB, into]) + g * db * db
+    m[BS, into] += f * (other[BS, j] - m[BS, into]) + g * db * ds
+    m[SS, into] += f * (other[SS, j] - m[SS, into]) + g * ds * ds
 
 
 @njit(cache=True)
-def blend(M: Any, weights: Any, into: Any) -> float:
-    """Write mean and covariance of the car's own motion over hypotheses M (k, SIZE) into `into`, without any lie.
-
-    Return the sum of `weights` (k,); when it is 0, `into` is left as it is.
-    """
-    total = 0.0
-    for j in range(weights.size):
-        total += weights[j]
-    if total <= 0.0:
-        return total
-    x, v, a = 0.0, 0.0, 0.0
-    for j in range(weights.size):
-        f = weights[j] / total
-        x += f * M[j, X]
-        v += f * M[j, V]
-        a += f * M[j, A]
-    xx, xv, xa, vv, va, aa = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-    for j in range(weights.size):
-        f = weights[j] / total
-        dx, dv, da = M[j, X] - x, M[j, V] - v, M[j, A] - a
-        xx += f * (M[j, XX] + dx * dx)
-        xv += f * (M[j, XV] + dx * dv)
-        xa += f * (M[j, XA] + dx * da)
-        vv += f * (M[j, VV] + dv * dv)
-        va += f * (M[j, VA] + dv * da)
-        aa += f * (M[j, AA] + da * da)
-    into[:] = 0.0
-    into[X], into[V], into[A] = x, v, a
-    into[XX], into[XV], into[XA], into[VV], into[VA], into[AA] = xx, xv, xa, vv, va, aa
+def merge(m: Any, into: int, weight: float, other: Any, j: int, weight_j: float) -> float:
+    """Fold lane j of `other`, of weight `weight_j`, into lane `into` of m, of `weight`; return the sum of both."""
+    total = weight + weight_j
+    if weight_j > NEGLIGIBLE * total:
+        fold(m, into, other, j, weight_j / total)
     return total

@@ -23,7 +23,8 @@ LEVELS = np.dtype(
     [
         ("r", "f8", (2,)),  # variance of location and speed readings
         ("q", "f8"),  # density of the jerk, m^2/s^5
-        ("scale", "f8"),  # reported over true speed, less one
+        ("slip", "f8"),  # how much faster the location moves than the reported speed says, m/s
+        ("lag_s", "f8"),  # how old a reported speed is, beside the location
         ("walk", "f8"),  # density of what location and speed differ by, m^2/s
         ("learnt", "f8"),  # readings so far
         ("nu", "f8", (2,)),  # innovations one reading ago; 0: none
@@ -60,11 +61,11 @@ class Levels(NamedTuple):
     """Walk per second, as a share of the variance of the location, below which signs cannot tell it from none;"""
     walk_fade: float
     """then it shrinks by this on the logarithm with each reading."""
-    scale_step: float
-    """Step of `scale`, as a share of the one on the logarithms."""
-    scale_most: float
-    moving_mps: float
-    """Only above this speed is `scale` learnt."""
+    slip_step: float
+    """Step of `slip` in m/s, for one of 1 on the logarithms."""
+    slip_most_mps: float
+    lag_step_s: float
+    lag_most_s: float
 
 
 @njit(cache=True)
@@ -72,7 +73,7 @@ def begin_levels(levels: Any, p: Levels) -> None:
     """Forget what was learnt."""
     levels.r[LOCATION], levels.r[SPEED] = p.x_std_m**2, p.v_std_mps**2
     levels.q, levels.walk = p.jerk, p.walk
-    levels.scale = 0.0
+    levels.slip, levels.lag_s = 0.0, 0.0
     levels.learnt = 0.0
     interrupt(levels)
 
@@ -99,26 +100,27 @@ def errors(levels: Any, sensor: int, nu: float, s: float, sign_step: float) -> t
 
 
 @njit(cache=True)
-def learn_levels(levels: Any, v_mps: float, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: Levels) -> None:
+def learn_levels(levels: Any, a_mps2: float, nu: Any, cov: Any, p: Levels) -> None:
     """Take the innovation of a reading that is taken for healthy, with its variances."""
     step = step_size(levels, p)
     turn = max(p.sign_slowest, p.sign_step / (1.0 + p.settling * levels.learnt)) / step
     levels.learnt += 1.0
-    x_wide, x_lag = errors(levels, LOCATION, nu_x, s_xx, turn)
-    v_wide, v_lag = errors(levels, SPEED, nu_v, s_vv, p.sign_share)
+    x_wide, x_lag = errors(levels, LOCATION, nu[LOCATION], cov[0], turn)
+    v_wide, v_lag = errors(levels, SPEED, nu[SPEED], cov[2], p.sign_share)
     levels.r[LOCATION] = bounded(levels.r[LOCATION] * exp(step * (x_wide - x_lag)), p.std_least**2, p.x_std_most_m**2)
     levels.r[SPEED] = bounded(levels.r[SPEED] * exp(step * (v_wide - v_lag)), p.std_least**2, p.v_std_most_mps**2)
     levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), p.jerk_least, p.jerk_most)
-    if v_mps > p.moving_mps:
-        rescale(levels, copysign(step * p.scale_step, nu_x), p)
+    shift(levels, copysign(step * p.slip_step, nu[LOCATION]), p)
+    aged = bounded(a_mps2, -1.0, 1.0) * copysign(step * p.lag_step_s, nu[LOCATION])
+    levels.lag_s = bounded(levels.lag_s + aged, -p.lag_most_s, p.lag_most_s)
     fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
     levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), p.walk_least, p.walk_most)
 
 
 @njit(cache=True)
-def rescale(levels: Any, ahead: float, p: Levels) -> None:
-    """Take locations to run ahead of the speed by the share `ahead`."""
-    levels.scale = bounded(levels.scale - ahead, -p.scale_most, p.scale_most)
+def shift(levels: Any, ahead_mps: float, p: Levels) -> None:
+    """Take locations to run ahead of the speed by `ahead_mps` more."""
+    levels.slip = bounded(levels.slip + ahead_mps, -p.slip_most_mps, p.slip_most_mps)
 
 
 @njit(cache=True)

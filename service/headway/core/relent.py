@@ -10,15 +10,15 @@ from typing import Any
 from numba import njit
 
 from headway.core.hypotheses import BIAS, BOTH, DRIFT, NOISE, OTHER_SENSOR, PAIR, give_in, suspicion
-from headway.core.motion import LOCATION, SPEED, S, V
-from headway.core.noise_levels import bounded, rescale
+from headway.core.motion import LOCATION, SPEED, S
+from headway.core.noise_levels import bounded, shift
 
 LOUDER = 16.0
 """Factor on the variance of a sensor whose noise does not end, or on the walk of a location whose offset does not."""
 WALKING = 1e-3
 """Least walk (m^2/s) after such a step: a location wanders by a centimetre a reading, or not at all."""
-RESCALE = 0.01
-"""Most that the scale of a speed sensor changes at such a step."""
+SHIFT_MPS = 1.0
+"""Most that the slip changes at such a step."""
 AGAIN_S = 30.0
 """A sensor believed again twice within this time, or so early, is not what it is taken for."""
 RESETTLE = 20.0
@@ -28,20 +28,19 @@ RESETTLE = 20.0
 @njit(cache=True)
 def doubt_levels(row: Any, sensor: int, p: Any) -> None:
     """Blame a suspicion of `sensor` that comes back and back on what was learnt: noise, scale of the speed, walk."""
-    w, own, other = row.w, OTHER_SENSOR * sensor, OTHER_SENSOR * (1 - sensor)
-    if w[NOISE + own] + w[PAIR + other] + w[BOTH] > 0.5:
+    w, own = row.w, OTHER_SENSOR * sensor
+    if w[NOISE + own] + w[PAIR + 1 - sensor] + w[BOTH] > 0.5:
         most = p.levels.x_std_most_m if sensor == LOCATION else p.levels.v_std_most_mps
         row.levels.r[sensor] = min(LOUDER * row.levels.r[sensor], most**2)
     elif sensor == LOCATION:
-        slope, v = row.M[DRIFT, S], row.M[DRIFT, V]
-        if w[DRIFT] > w[BIAS] and v > p.levels.moving_mps:
-            rescale(row.levels, bounded(slope / v, -RESCALE, RESCALE), p.levels)
+        if w[DRIFT] > w[BIAS]:
+            shift(row.levels, bounded(row.one[S, DRIFT], -SHIFT_MPS, SHIFT_MPS), p.levels)
         else:
             row.levels.walk = bounded(LOUDER * row.levels.walk, WALKING, p.levels.walk_most)
 
 
 @njit(cache=True)
-def relent(row: Any, reading: Any, dt_s: float, p: Any, scratch: Any) -> bool:
+def relent(row: Any, mean: Any, reading: Any, dt_s: float, p: Any) -> bool:
     """Count how long each sensor has been suspected, and believe it again when that is too long; return whether so."""
     wrong_x, wrong_v = suspicion(row.w)
     row.wrong_s[LOCATION] = row.wrong_s[LOCATION] + dt_s if wrong_x > 0.5 else 0.0
@@ -59,5 +58,5 @@ def relent(row: Any, reading: Any, dt_s: float, p: Any, scratch: Any) -> bool:
             if again:
                 row.levels.learnt = min(row.levels.learnt, RESETTLE)
                 doubt_levels(row, sensor, p)
-    give_in(row.M, row.w, x, v, reading, row.levels.r, p.hypotheses, scratch)
+    give_in(row, x, v, mean, reading, row.levels.r, p.hypotheses)
     return True
