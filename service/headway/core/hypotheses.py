@@ -67,7 +67,7 @@ SINGLE, COUNT = 7, 10
 WEIGHT_FLOOR = 1e-10
 """No hypothesis ever dies, and the log odds stay within +-23."""
 IMPOSSIBLE = 1e-8
-CALM = 0.999
+CALM = 0.9997
 """Probability of HEALTHY beyond which nobody thinks of two lies at once,"""
 CALM_NIS = 9.0
 """nor, if its nis is below this, of a lie that has just ended."""
