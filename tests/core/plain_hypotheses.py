@@ -15,10 +15,10 @@ NAMES = [
     ("bias", "honest"),
     ("drift", "honest"),
     ("noise", "honest"),
-    ("line", "noise"),
     ("honest", "bias"),
     ("honest", "drift"),
     ("honest", "noise"),
+    ("line", "noise"),
     ("noise", "line"),
     ("noise", "noise"),
 ]
@@ -106,82 +106,100 @@ def accused(part, sensor, z, r):
     return Gaussian(part.weight, mean, cov)
 
 
-def step(parts, h, z, r, q, walk, p):
-    """Return what is thought after a reading `z` (2,): Gaussians in the order of NAMES, weights summing to 1."""
-    fault, over = min(0.1, p.faults_per_s * h), 1.0 - np.exp(-h / p.fault_s)
-    before = dict(zip(NAMES, parts, strict=True))
-    after = {}
-    healthy = before[HEALTHY]
+def lies(name):
+    return sum(word != "honest" for word in name)
 
-    to_healthy = [healthy.times(1.0 - 2.0 * fault)]
-    for name in NAMES[1:]:
-        lying = sum(word != "honest" for word in name)
-        to_healthy.append(before[name].honest().times(over**lying))
-    healthy_prior = moved(mixed(to_healthy), h, q, walk)
-    stay, second, alone = (1 - over) * (1 - fault), (1 - over) * fault, over * (1 - over)
+
+def heard(part, name, z, r, spread):
+    """Speed first, then location, each by the word for it in `name`."""
+    for sensor in (1, 0):
+        if name[sensor] == "noise":
+            part = unheeded(part, sensor, z[sensor], r[sensor], spread)
+        else:
+            part = seen(part, sensor, name[sensor] in LINES, z[sensor], r[sensor])
+    return part
+
+
+def mixed_lies(before, fault, over, p):
+    """What is thought of each lie before the reading: the Markov chain, the ways from and to HEALTHY left out."""
+    second, alone, last = (1 - over) * fault, over * (1 - over), (1 - over) ** 2
+    after = {}
 
     def pair(sensor, this, that):
         return (this, that) if sensor == 0 else (that, this)
 
     for sensor in (0, 1):
-        other = 1 - sensor
         bias, drift = before[pair(sensor, "bias", "honest")], before[pair(sensor, "drift", "honest")]
-        noise, line = before[pair(sensor, "noise", "honest")], before[pair(sensor, "line", "noise")]
-        other_noise, other_line = before[pair(other, "noise", "honest")], before[pair(other, "line", "noise")]
-        both = before["noise", "noise"]
-        walked = np.zeros((5, 5))
-        walked[3, 3] = p.offset_walk**2
-
-        def predicted(sources, walked=walked):
-            part = moved(mixed(sources), h, q, walk)
-            part.cov = part.cov + walked
-            return part
-
-        without = seen(healthy_prior, other, False, z[other], r[other])
-        without.weight *= healthy.weight * fault / 3.0 / healthy_prior.weight
-        strange = unheeded(without, sensor, z[sensor], r[sensor], p.spread)
-
-        kept = seen(predicted([bias.times(stay)]), other, False, z[other], r[other])
-        kept = seen(kept, sensor, True, z[sensor], r[sensor])
-        begun = accused(without, sensor, z[sensor], r[sensor])
-        begun.weight = strange.weight
-        after[pair(sensor, "bias", "honest")] = mixed([kept, begun])
-
-        kept = seen(predicted([drift.times(stay), line.times(alone)]), other, False, z[other], r[other])
-        kept = seen(kept, sensor, True, z[sensor], r[sensor])
-        begun = seen(without.with_offset(p.drift_start**2, p.drift_slope**2), sensor, True, z[sensor], r[sensor])
-        after[pair(sensor, "drift", "honest")] = mixed([kept, begun])
-
+        line, other_line = before[pair(sensor, "line", "noise")], before[pair(1 - sensor, "line", "noise")]
+        noise, other_noise = before[pair(sensor, "noise", "honest")], before[pair(1 - sensor, "noise", "honest")]
+        both, stay = before["noise", "noise"], (1 - over) * (1 - fault)
+        after[pair(sensor, "bias", "honest")] = [bias.times(stay)]
+        after[pair(sensor, "drift", "honest")] = [drift.times(stay), line.times(alone)]
         sources = [noise.times(stay), other_line.honest().times(alone), both.times(alone)]
-        kept = seen(moved(mixed(sources), h, q, walk), other, False, z[other], r[other])
-        kept = unheeded(kept, sensor, z[sensor], r[sensor], p.spread)
-        after[pair(sensor, "noise", "honest")] = mixed([kept, strange])
-
+        after[pair(sensor, "noise", "honest")] = sources
         fresh = other_noise.with_offset(2.0 * p.spread**2, p.drift_slope**2)
-        sources = [line.times((1 - over) ** 2), bias.times(second), drift.times(second), fresh.times(0.5 * second)]
-        kept = unheeded(predicted(sources), other, z[other], r[other], p.spread)
-        after[pair(sensor, "line", "noise")] = seen(kept, sensor, True, z[sensor], r[sensor])
+        sources = [line.times(last), bias.times(second), drift.times(second), fresh.times(0.5 * second)]
+        after[pair(sensor, "line", "noise")] = sources
+    noises = [before["noise", "honest"].times(0.5 * second), before["honest", "noise"].times(0.5 * second)]
+    after["noise", "noise"] = [before["noise", "noise"].times(last), before[HEALTHY].times(fault**2), *noises]
+    return {name: mixed(sources) for name, sources in after.items()}
 
-    noises = [before["noise", "honest"], before["honest", "noise"]]
-    sources = [before["noise", "noise"].times((1 - over) ** 2), healthy.times(fault**2)]
-    sources += [noise.times(0.5 * second) for noise in noises]
-    both = moved(mixed(sources), h, q, walk)
-    for sensor in (0, 1):
-        weight = unheeded(both.times(1.0), sensor, z[sensor], r[sensor], p.spread).weight
-        both.weight = weight
-    after["noise", "noise"] = both
 
-    calm = healthy_prior.times(1.0 - p.manoeuvre)
-    lively = healthy_prior.times(p.manoeuvre)
+def begun(healthy, name, h, z, r, suspected, p):
+    """A lie that begins at this reading, from the predicted HEALTHY."""
+    sensor = 0 if name[0] != "honest" else 1
+    nu = z[sensor] - healthy.mean[sensor]
+    part = Gaussian(suspected, healthy.mean.copy(), healthy.cov.copy())
+    if "drift" in name:
+        steep = p.drift_slope**2 + p.drift_steep * (nu / h) ** 2
+        return heard(part.with_offset(p.drift_start**2, steep), name, z, r, p.spread)
+    without = heard(part, tuple("noise" if word != "honest" else word for word in name), z, r, p.spread)
+    return accused(without, sensor, z[sensor], r[sensor]) if "bias" in name else without
+
+
+def step(parts, h, z, r, q, walk, p, calm_at, calm_nis):
+    """Return what is thought after a reading `z` (2,), Gaussians in the order of NAMES with weights summing to 1,
+    and the weight of each having been true until now."""
+    fault, over = min(0.1, p.faults_per_s * h), 1.0 - np.exp(-h / p.fault_s)
+    before = dict(zip(NAMES, parts, strict=True))
+    healthy = before[HEALTHY]
+    calm = healthy.weight > calm_at
+    if calm:
+        prior = {name: before[name].times((1 - over) * (1 - fault)) for name in NAMES[1:] if lies(name) == 1}
+    else:
+        prior = mixed_lies(before, fault, over, p)
+    prior[HEALTHY] = healthy.times(1.0 - 2.0 * fault)
+    prior = {name: moved(part, h, q, walk) for name, part in prior.items()}
+    for name, part in prior.items():
+        if any(word in LINES for word in name):
+            part.cov[3, 3] += p.offset_walk**2
+    after = {name: heard(part, name, z, r, p.spread) for name, part in prior.items()}
+
+    suspected = healthy.weight * fault / 3.0
+    for name in NAMES[1:]:
+        if lies(name) == 1:
+            after[name] = mixed([after[name], begun(prior[HEALTHY], name, h, z, r, suspected, p)])
+    lively = prior[HEALTHY].times(p.manoeuvre)
     jump = p.standstill_jump_mps**2 * np.exp(-0.5 * (lively.mean[1] / p.standstill_mps) ** 2)
     g = np.array([0.5 * h, 1.0, 0.0, 0.0, 0.0])
     lively.cov = lively.cov + jerk_noise(h, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least) + jump * np.outer(g, g)
     lively.cov[2, 2] += jump / h
-    for sensor in (1, 0):
-        calm, lively = (seen(part, sensor, False, z[sensor], r[sensor]) for part in (calm, lively))
-    after[HEALTHY] = mixed([calm, lively])
+    sources = [after[HEALTHY].times(1.0 - p.manoeuvre), heard(lively, HEALTHY, z, r, p.spread)]
+
+    nu = z - prior[HEALTHY].mean[:2]
+    nis = nu @ np.linalg.solve(prior[HEALTHY].cov[:2, :2] + np.diag(r), nu)
+    ended = np.zeros(len(NAMES))
+    if not (calm and nis < calm_nis):
+        for k, name in enumerate(NAMES):
+            if 0 < lies(name) <= (1 if calm else 2):
+                back = moved(before[name].honest().times(over ** lies(name)), h, q, walk)
+                sources.append(heard(back, HEALTHY, z, r, p.spread))
+                ended[k] = sources[-1].weight
+    after[HEALTHY] = mixed(sources)
     if z[1] < -5.0 * np.sqrt(r[1]):
         for name in (HEALTHY, ("bias", "honest"), ("drift", "honest"), ("noise", "honest")):
             after[name].weight *= 1e-8
     total = sum(part.weight for part in after.values())
-    return [Gaussian(max(after[n].weight / total, 1e-10), after[n].mean, after[n].cov) for n in NAMES]
+    for name in NAMES:
+        after.setdefault(name, Gaussian(0.0, after[HEALTHY].mean, after[HEALTHY].cov))
+    return [Gaussian(max(after[n].weight / total, 1e-10), after[n].mean, after[n].cov) for n in NAMES], ended / total

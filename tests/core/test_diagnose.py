@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from headway.core.diagnose import lie_of, lying_sensor, name_lie
-from headway.core.hypotheses import BIAS, BOTH, COUNT, DRIFT, NOISE, OTHER_SENSOR, PAIR
+from headway.core.diagnose import lie_of, lying_sensor, name_lie, name_past_lie
+from headway.core.hypotheses import BIAS, BOTH, COUNT, DRIFT, NOISE, OTHER_PAIR, OTHER_SENSOR, PAIR
 from headway.core.records import Kind, Sensor
 
 
@@ -12,7 +12,8 @@ def weights(**given):
     w = np.full(COUNT, 1e-10)
     for name, weight in given.items():
         place = {"BIAS": BIAS, "DRIFT": DRIFT, "NOISE": NOISE, "PAIR": PAIR, "BOTH": BOTH}[name.strip("_vx")]
-        w[place + (OTHER_SENSOR if name.endswith("_v") else 0)] = weight
+        step = OTHER_PAIR if place == PAIR else OTHER_SENSOR
+        w[place + (step if name.endswith("_v") else 0)] = weight
     return w
 
 
@@ -45,3 +46,7 @@ def test_the_first_reading_is_short_and_later_ones_say_more() -> None:
     assert name_lie(w, run, 0.1) == (Sensor.SPEED, Kind.BIAS, pytest.approx(0.9))
     assert name_lie(weights(BIAS_x=1.0), run, 0.1)[:2] == (Sensor.LOCATION, Kind.SHORT)
     assert list(run) == [1, 0]
+
+
+def test_a_lie_told_of_only_as_it_ends_is_not_short() -> None:
+    assert name_past_lie(weights(DRIFT_v=0.8, BIAS_v=0.2)) == (Sensor.SPEED, Kind.DRIFT, pytest.approx(0.8))

@@ -20,7 +20,14 @@ from headway.core.config import DetectorConfig
 from headway.core.diagnose import name_lie, name_past_lie
 from headway.core.hypotheses import FINDING, HEALTHY, HYPOTHESES, WEIGHT_FLOOR, Hypotheses, begin_all, estimate, judge
 from headway.core.motion import LOCATION, SIZE, SPEED, VV, XX, A, V, X
-from headway.core.noise_levels import LEVELS, Levels, begin_levels, interrupt, learn_levels, step_size
+from headway.core.noise_levels import (
+    LEVELS,
+    Levels,
+    begin_levels,
+    interrupt,
+    learn_levels,
+    step_size,
+)
 from headway.core.relent import relent
 
 TRUSTED = 0.9
@@ -69,7 +76,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             fault_s=1.0,
             manoeuvre=0.003,
             manoeuvre_jerk=90.0,
-            manoeuvre_least=0.2,
+            manoeuvre_least=2.0,
             standstill_mps=0.6,
             standstill_jump_mps=0.4,
             spread=0.3,
@@ -89,7 +96,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             v_std_most_mps=3.0,
             jerk_least=0.001,
             jerk_most=2.0,
-            walk_least=1e-10,
+            walk_least=3e-6,
             walk_most=10.0,
             slowest=0.02,
             settling=0.1,
@@ -98,9 +105,10 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             sign_share=0.5,
             walk_seen=0.5,
             walk_fade=0.01,
-            slip_step=0.003,
+            slip_gain=0.001,
+            slip_early=0.01,
             slip_most_mps=2.0,
-            lag_step_s=0.0005,
+            lag_share=0.5,
             lag_most_s=0.3,
         ),
         budget=Budget(
@@ -108,7 +116,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             level=-6.0,
             span=4.0,
             prior_mean=1.0,
-            prior_rate_per_hour=500.0,
+            prior_rate_per_hour=300.0,
             prior_peaks=100.0,
             hush_s=1.0,
             memory_s=900.0,
@@ -197,7 +205,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     if not verdict.warming and levels.learnt > p.settled_readings:
         learn(row.tail, lied_just_now, verdict.anomalous, dt_s, p.budget)
     if dt_s > 0.0 and w[HEALTHY] > TRUSTED:
-        learn_levels(levels, row.a_mps2, nu, cov, p.levels)
+        learn_levels(levels, dt_s, row.a_mps2, nu, cov, p.levels)
     else:
         interrupt(levels)
     row.a_mps2 = mean[A]

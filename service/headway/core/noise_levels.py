@@ -19,6 +19,9 @@ from headway.core.motion import LOCATION, SPEED
 QUARTILE = 1.1503493803760079
 """A standard normal goes beyond it, to either side, in one case of four."""
 
+OUTLYING = 3.0
+"""Standard deviations beyond which an innovation says no more of the slip."""
+
 LEVELS = np.dtype(
     [
         ("r", "f8", (2,)),  # variance of location and speed readings
@@ -61,10 +64,13 @@ class Levels(NamedTuple):
     """Walk per second, as a share of the variance of the location, below which signs cannot tell it from none;"""
     walk_fade: float
     """then it shrinks by this on the logarithm with each reading."""
-    slip_step: float
-    """Step of `slip` in m/s, for one of 1 on the logarithms."""
+    slip_gain: float
+    """Part of what the location runs ahead by that goes into slip and lag with each reading,"""
+    slip_early: float
+    """and this much more for a step of 1."""
     slip_most_mps: float
-    lag_step_s: float
+    lag_share: float
+    """The lag is learnt by this much slower."""
     lag_most_s: float
 
 
@@ -100,7 +106,7 @@ def errors(levels: Any, sensor: int, nu: float, s: float, sign_step: float) -> t
 
 
 @njit(cache=True)
-def learn_levels(levels: Any, a_mps2: float, nu: Any, cov: Any, p: Levels) -> None:
+def learn_levels(levels: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, p: Levels) -> None:
     """Take the innovation of a reading that is taken for healthy, with its variances."""
     step = step_size(levels, p)
     turn = max(p.sign_slowest, p.sign_step / (1.0 + p.settling * levels.learnt)) / step
@@ -110,9 +116,11 @@ def learn_levels(levels: Any, a_mps2: float, nu: Any, cov: Any, p: Levels) -> No
     levels.r[LOCATION] = bounded(levels.r[LOCATION] * exp(step * (x_wide - x_lag)), p.std_least**2, p.x_std_most_m**2)
     levels.r[SPEED] = bounded(levels.r[SPEED] * exp(step * (v_wide - v_lag)), p.std_least**2, p.v_std_most_mps**2)
     levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), p.jerk_least, p.jerk_most)
-    shift(levels, copysign(step * p.slip_step, nu[LOCATION]), p)
-    aged = bounded(a_mps2, -1.0, 1.0) * copysign(step * p.lag_step_s, nu[LOCATION])
-    levels.lag_s = bounded(levels.lag_s + aged, -p.lag_most_s, p.lag_most_s)
+    most = OUTLYING * sqrt(cov[0])
+    ahead_mps = (1.0 - levels.r[LOCATION] / cov[0]) * bounded(nu[LOCATION], -most, most) / dt_s
+    ahead_mps *= (p.slip_gain + p.slip_early * step) / (1.0 + a_mps2**2)
+    shift(levels, ahead_mps, p)
+    levels.lag_s = bounded(levels.lag_s + p.lag_share * ahead_mps * a_mps2, -p.lag_most_s, p.lag_most_s)
     fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
     levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), p.walk_least, p.walk_most)
 
