@@ -67,8 +67,9 @@ def test_a_feigned_brake_is_found_and_the_follower_moved() -> None:
     assert not checks["anomalous"][:1000].any()
     found = np.flatnonzero(checks["anomalous"])
     assert 1000 < found[0] < 1030
-    assert checks["lean"][found[0]] > 1.0
     assert checks["p_value"][found[0]] < 1e-4
+    at_onset, _ = run(readings[: found[0] + 1])
+    assert at_onset["own_unusual"][0] > at_onset["due_unusual"][0] + 1.0
 
 
 def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
@@ -79,15 +80,29 @@ def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
     _, checks = run(readings)
     found = np.flatnonzero(checks["anomalous"])
     assert 1000 < found[0] < 1060
-    assert checks["lean"][found[-1]] < -1.0
+    at_last, _ = run(readings[: found[-1] + 1])
+    assert at_last["due_unusual"][0] > at_last["own_unusual"][0] + 0.25
 
 
 def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
     def brakes(t_s: np.ndarray) -> np.ndarray:
         return wave(t_s) - 3.0 * np.exp(-(((t_s - 102.0) / 1.5) ** 2))
 
-    _, checks = run(follow(120.0, np.random.default_rng(3), leader=brakes))
+    readings = follow(120.0, np.random.default_rng(3), leader=brakes)
+    _, checks = run(readings)
     assert not checks["anomalous"].any()
+    row, _ = run(readings[:1040])
+    assert row["doubt"]["log_odds"][0] < -1.0
+
+
+def test_a_leader_who_says_what_nobody_answers_is_doubted() -> None:
+    readings = follow(120.0, np.random.default_rng(2))
+    calm, _ = run(readings[:1040])
+    speed, location = dip(40)
+    readings["leader_v_mps"][1000:1040] += speed
+    readings["leader_x_m"][1000:1040] += location
+    row, _ = run(readings[:1040])
+    assert row["doubt"]["log_odds"][0] > max(calm["doubt"]["log_odds"][0], 0.0) + 2.0
 
 
 def test_the_anomaly_is_not_learnt() -> None:

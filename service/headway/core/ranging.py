@@ -7,15 +7,17 @@ The offsets (where on each car its location refers to, where the sensor sits) ar
 so are the spreads, which hold the slow wander of satellite positions as well. Both disagreements are averaged over
 `SMOOTH_S` (Roberts 1959, the exponentially weighted moving average chart), so that a slow lie adds up and one bad
 reading does not count; the root of the sum of their squares, each in its own standard deviations, is the statistic.
-Which of the two cars is wrong the disagreement cannot say.
+Which of the two cars is wrong the disagreement cannot say; for the neighbours (suspect.py), a lie spreads it LIE times
+as wide as the truth.
 """
 
-from math import exp, isnan, sqrt
+from math import exp, isnan, log, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
+from headway.core.suspect import DOUBT, weigh
 from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
 
 SMOOTH_S = 0.5
@@ -25,6 +27,8 @@ UNHEARD_MPS2 = 1.0
 """What a leader's acceleration may have been since its last sample."""
 OUTLIER = 3.0
 """Standard deviations beyond which a disagreement teaches no more."""
+LIE = 3.0
+"""Standard deviations of the disagreement that a lie makes."""
 SETTLE_S = 2.0
 
 RANGING = np.dtype(
@@ -36,6 +40,7 @@ RANGING = np.dtype(
         ("smooth_ms", "f8", (2,)),  # mean square of it
         ("disputed_s", "f8"),  # how long it has been beyond the gate
         ("tail", TAIL),
+        ("doubt", DOUBT),
     ],
     align=True,
 )
@@ -57,6 +62,7 @@ class RangingParams(NamedTuple):
 def ranging_relink(row: Any) -> None:
     """Another leader: other offsets, so begin anew."""
     row.heard_s = 0.0
+    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
@@ -67,12 +73,13 @@ def begin(row: Any, t_s: float) -> None:
     row.smooth[:] = 0.0
     row.smooth_ms[:] = 0.0
     row.tail.peaks, row.tail.excess, row.tail.exposure_s, row.tail.peak = 0.0, 0.0, 0.0, 0.0
+    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
 def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
     """Take one READING into one RANGING row and write the CHECK; without a leader or a range it says `warming`."""
-    check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
+    check.statistic, check.p_value = 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s) or isnan(z.range_m):
         return
@@ -100,6 +107,9 @@ def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
     check.warming = row.heard_s < p.warming_s
     check.anomalous = not check.warming and check.statistic > gate
     if not check.warming:
+        spread = 1.0 + LIE**2
+        worth = 0.5 * squares * (1.0 - 1.0 / spread) - log(spread)
+        weigh(row.doubt, worth, 1.0, z.t_s)
         tail_learn(row.tail, check.statistic, gate, dt_s, p.tail)
     if check.anomalous:
         row.disputed_s += dt_s

@@ -12,9 +12,14 @@ deviation, make one:
     step    the unexplained speed change of the last 2 s
     dip     that change less the one of the 2 s before: a speed that leaves and comes back
 
-The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer);
-`own_mps` and `due_mps` say which of the two moved. Nothing is learnt from a tick beyond the gate, and little from one
-near it.
+The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer). For the
+question of whose it is (suspect.py), each step tells whether the follower answers what it is told, or moves in its
+natural way without regard to it:
+
+    worth = ln N(own; 0, natural variance) - ln N(own; due, residual variance)
+
+so that a hard brake that was answered clears the leader even where the answer was not quite the expected one. Nothing
+is learnt from a tick beyond the gate, and little from one near it.
 """
 
 from math import exp, isnan, log, sqrt
@@ -24,6 +29,7 @@ import numpy as np
 from numba import njit
 
 from headway.core.ridge import ridge_learn, ridge_solve
+from headway.core.suspect import DOUBT, weigh
 from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
 
 OWN, LAGS = 5, 6
@@ -43,6 +49,8 @@ TYPICAL_STEP_MPS, TYPICAL_MOTION_MPS = 0.6, 1.0
 """Priors of the spreads: of what a driver leaves unexplained in 2 s, and of how much a speed changes."""
 MINOR_MPS = 0.2
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
+UNUSUAL = 2.0
+"""Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
 OUTLIER = 3.0
 """Standard deviations beyond which a tick teaches less."""
 SOLVE_EVERY = 5
@@ -71,7 +79,9 @@ RESPONSE = np.dtype(
         ("tail", TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
-        ("lean", "f8"),
+        ("own_unusual", "f8"),  # log odds against a natural motion of the follower, from its speed change
+        ("due_unusual", "f8"),  # and of the leader, from the speed change that should have followed
+        ("doubt", DOUBT),
     ],
     align=True,
 )
@@ -100,7 +110,9 @@ class ResponseParams(NamedTuple):
 @njit(cache=True)
 def response_relink(row: Any) -> None:
     """Another leader: the sums begin anew, what was learnt of the driver stays."""
-    row.ticks, row.statistic, row.lean, row.disputed_s = 0, 0.0, 0.0, 0.0
+    row.ticks, row.statistic, row.disputed_s = 0, 0.0, 0.0
+    row.own_unusual, row.due_unusual = 0.0, 0.0
+    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
@@ -139,14 +151,26 @@ def sums(row: Any) -> tuple[tuple[float, float], tuple[float, float]]:
 
 @njit(cache=True)
 def judge(row: Any, p: ResponseParams) -> None:
-    """Write statistic, gate and lean, from the sums over the last two spans."""
+    """Write statistic, gate and whose motion is unusual, from the sums over the last two spans."""
     row.gate = tail_gate(row.tail, p.tail)
-    row.statistic, row.lean = 0.0, 0.0
+    row.statistic = 0.0
     for which, (own, due) in enumerate(sums(row)):
         z = abs(own - due) / sqrt(row.residual_ms[which] + MINOR_MPS**2)
-        if z > row.statistic:
+        if z >= row.statistic:
             row.statistic = z
-            row.lean = 0.5 * (own**2 - due**2) / (row.natural_ms[which] + MINOR_MPS**2)
+            natural = row.natural_ms[which] + MINOR_MPS**2
+            row.own_unusual = 0.5 * own**2 / (UNUSUAL**2 * natural)
+            row.due_unusual = 0.5 * due**2 / (UNUSUAL**2 * natural)
+
+
+@njit(cache=True)
+def weigh_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
+    """Add to the pair's doubt whether the step was an answer to the leader or a motion without regard to it."""
+    own, due = sums(row)[0]
+    residual, natural = row.residual_ms[0] + MINOR_MPS**2, row.natural_ms[0] + MINOR_MPS**2
+    answer = (own - due) ** 2 / residual + log(residual)
+    without_regard = own**2 / natural + log(natural)
+    weigh(row.doubt, 0.5 * (answer - without_regard), dt_s / (SPAN * p.tick_s), t_s)
 
 
 @njit(cache=True)
@@ -185,6 +209,7 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
     if row.ticks >= FULL:
         judge(row, p)
         if row.heard_s > p.warming_s:
+            weigh_answer(row, z.t_s, dt_s, p)
             tail_learn(row.tail, row.statistic, row.gate, dt_s, p.tail)
             row.disputed_s = row.disputed_s + dt_s if row.statistic > row.gate else 0.0
             if 0.0 < row.disputed_s < p.patience_s:
@@ -203,7 +228,7 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
     Between ticks the last verdict stands. Without a leader there is nothing to answer, and the check says `warming`;
     a leader who is heard again within `max_gap_s` is answered as if there had been no gap.
     """
-    check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
+    check.statistic, check.p_value = 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s):
         return
@@ -217,7 +242,6 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
             response_relink(row)
         observe(row, z, gap_m)
     check.statistic = row.statistic
-    check.lean = row.lean
     check.gate = row.gate
     check.p_value = min(1.0, alarms_per_hour(row.tail, row.statistic, p.tail) * p.tick_s / 3600.0)
     check.warming = row.heard_s <= p.warming_s or row.ticks <= FULL
