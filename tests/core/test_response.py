@@ -12,6 +12,7 @@ from headway.core.response import (
     PULSE,
     RESPONSE,
     ResponseParams,
+    inexact_ms,
     response_relink,
     response_step,
 )
@@ -103,6 +104,33 @@ def test_a_leader_who_says_what_nobody_answers_is_doubted() -> None:
     readings["leader_x_m"][1000:1040] += location
     row, _ = run(readings[:1040])
     assert row["doubt"]["log_odds"][0] > max(calm["doubt"]["log_odds"][0], 0.0) + 2.0
+
+
+def test_a_speed_that_is_frozen_while_the_leader_changes_drifts() -> None:
+    readings = follow(120.0, np.random.default_rng(1))
+    frozen = readings.copy()
+    frozen["v_mps"][1100:] = readings["v_mps"][1100]
+    frozen["x_m"][1100:] = readings["x_m"][1100] + 0.1 * readings["v_mps"][1100] * np.arange(100)
+    (honest, _), (row, checks) = run(readings), run(frozen)
+    assert checks["anomalous"][1100:].any()
+    unexplained_mps = (row["own_drift_mps"] - row["due_drift_mps"])[0]
+    assert abs(unexplained_mps) > 10.0 * abs(honest["own_drift_mps"] - honest["due_drift_mps"])[0]
+
+
+def test_an_answer_is_excused_in_proportion() -> None:
+    """Half as much again as was due is one standard deviation; no answer, or one to the other side, is not excused."""
+    assert inexact_ms(3.0, 2.0) == inexact_ms(-2.0, -3.0) == pytest.approx(1.0)
+    assert inexact_ms(0.0, 2.0) == inexact_ms(-2.0, 2.0) == 0.0
+
+
+def test_a_driver_who_is_odd_now_and_then_is_learnt_in_the_end() -> None:
+    """A statistic that swings about the gate must not keep the row from learning."""
+    readings = follow(400.0, np.random.default_rng(8))
+    t_s = readings["t_s"] - START_S
+    readings["v_mps"] += 3.0 * np.sin(0.4 * np.pi * t_s) * (t_s > 100.0)
+    _, checks = run(readings)
+    assert 0.1 < checks["anomalous"][1000:1600].mean() < 0.9
+    assert not checks["anomalous"][2500:].any()
 
 
 def test_the_anomaly_is_not_learnt() -> None:
