@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from following import START_S, dip, follow, wave
 
-from headway.core.check import CHECK
+from headway.core.check import CHECK, check_budget
 from headway.core.response import (
     COLUMNS,
     FULL,
@@ -16,9 +16,8 @@ from headway.core.response import (
     response_relink,
     response_step,
 )
-from headway.core.tail import TailParams
 
-P = ResponseParams(TailParams(budget_per_hour=1.0))
+P = ResponseParams(check_budget(1.0))
 NEVER_FORGET = P._replace(memory_s=1e12)
 
 

@@ -10,12 +10,11 @@ import numpy as np
 from numba import njit
 from scipy.special import expit
 
-from headway.core.check import CHECK
+from headway.core.check import CHECK, check_budget
 from headway.core.ranging import RANGING, RangingParams, ranging_relink, ranging_step
 from headway.core.records import Kind, Records, Sensor
 from headway.core.response import RESPONSE, ResponseParams, response_relink, response_step
 from headway.core.suspect import DOUBT, follower_log_odds, held
-from headway.core.tail import TailParams
 
 LINK = np.dtype(
     [
@@ -58,10 +57,9 @@ class LinkParams(NamedTuple):
 
 def link_params(budget_per_hour: float) -> LinkParams:
     """Return the parameters that keep false alarms of both tests together within `budget_per_hour` per pair."""
-    ranging_budget = RANGING_SHARE * budget_per_hour
     return LinkParams(
-        ResponseParams(TailParams(budget_per_hour=budget_per_hour - ranging_budget)),
-        RangingParams(TailParams(budget_per_hour=ranging_budget)),
+        ResponseParams(check_budget((1.0 - RANGING_SHARE) * budget_per_hour)),
+        RangingParams(check_budget(RANGING_SHARE * budget_per_hour)),
     )
 
 

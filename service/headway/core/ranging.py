@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from headway.core import budget
 from headway.core.suspect import DOUBT, weigh
-from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
 
 SMOOTH_S = 0.5
 MINOR = (0.3, 0.1)
@@ -39,7 +39,7 @@ RANGING = np.dtype(
         ("smooth", "f8", (2,)),  # disagreement averaged over SMOOTH_S; m, m/s
         ("smooth_ms", "f8", (2,)),  # mean square of it
         ("disputed_s", "f8"),  # how long it has been beyond the gate
-        ("tail", TAIL),
+        ("tail", budget.TAIL),
         ("doubt", DOUBT),
     ],
     align=True,
@@ -50,7 +50,7 @@ RANGING = np.dtype(
 class RangingParams(NamedTuple):
     """How a pair's forward sensor is learnt and judged."""
 
-    tail: TailParams
+    budget: budget.Budget
     memory_s: float = 120.0
     warming_s: float = 10.0
     max_gap_s: float = 1.2
@@ -67,12 +67,11 @@ def ranging_relink(row: Any) -> None:
 
 @njit(cache=True)
 def begin(row: Any, t_s: float) -> None:
-    """Forget the pair."""
+    """Forget the pair, save how high its statistic goes."""
     row.heard_s, row.t_s, row.disputed_s = 0.0, t_s, 0.0
     row.offset[:] = 0.0
     row.smooth[:] = 0.0
     row.smooth_ms[:] = 0.0
-    row.tail.peaks, row.tail.excess, row.tail.exposure_s, row.tail.peak = 0.0, 0.0, 0.0, 0.0
     row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
@@ -101,16 +100,16 @@ def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
         squares += row.smooth[k] ** 2 / (row.smooth_ms[k] + MINOR[k] ** 2 + unheard[k] ** 2)
     if settled:
         check.statistic = sqrt(squares)
-    gate = tail_gate(row.tail, p.tail)
-    check.gate = gate
-    check.p_value = min(1.0, alarms_per_hour(row.tail, check.statistic, p.tail) * dt_s / 3600.0)
+    check.gate = budget.gate(row.tail, p.budget)
+    rate_per_hour = budget.false_alarms_per_hour(row.tail, check.statistic, p.budget)
+    check.p_value = min(1.0, rate_per_hour * dt_s / 3600.0)
     check.warming = row.heard_s < p.warming_s
-    check.anomalous = not check.warming and check.statistic > gate
+    check.anomalous = not check.warming and check.statistic > check.gate
     if not check.warming:
         spread = 1.0 + LIE**2
         worth = 0.5 * squares * (1.0 - 1.0 / spread) - log(spread)
         weigh(row.doubt, worth, 1.0, z.t_s)
-        tail_learn(row.tail, check.statistic, gate, dt_s, p.tail)
+        budget.learn(row.tail, check.statistic, check.anomalous, dt_s, p.budget)
     if check.anomalous:
         row.disputed_s += dt_s
         return

@@ -32,9 +32,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from headway.core import budget
 from headway.core.ridge import ridge_learn, ridge_solve
 from headway.core.suspect import DOUBT, weigh
-from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
 
 OWN, LAGS = 5, 6
 COLUMNS = OWN + LAGS
@@ -90,7 +90,7 @@ RESPONSE = np.dtype(
         ("residual_ms", "f8", (SUMS,)),  # mean square of step, dip and drift, less what manoeuvres explain
         ("natural_ms", "f8", (SUMS,)),  # mean square of the same sums of own_mps: how much this car moves anyway
         ("disputed_s", "f8"),  # how much longer the statistic has been beyond the gate of late than below it
-        ("tail", TAIL),
+        ("tail", budget.TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
         ("own_unusual", "f8"),  # log odds against a natural motion of the follower, from its speed change
@@ -105,7 +105,7 @@ RESPONSE = np.dtype(
 class ResponseParams(NamedTuple):
     """How a driver's response is learnt and judged."""
 
-    tail: TailParams
+    budget: budget.Budget
     tick_s: float = 0.4
     memory_s: float = 120.0
     """Time constant of all that is learnt of a driver."""
@@ -172,7 +172,7 @@ def inexact_ms(own: float, due: float) -> float:
 @njit(cache=True)
 def judge(row: Any, p: ResponseParams) -> None:
     """Write statistic, gate and whose motion is unusual, from the sums."""
-    row.gate = tail_gate(row.tail, p.tail)
+    row.gate = budget.gate(row.tail, p.budget)
     row.statistic = 0.0
     for which, (own, due) in enumerate(sums(row)):
         minor = MINOR_MPS[which] ** 2
@@ -235,8 +235,8 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
         judge(row, p)
         if row.heard_s > p.warming_s:
             weigh_answer(row, z.t_s, dt_s, p)
-            tail_learn(row.tail, row.statistic, row.gate, dt_s, p.tail)
             beyond = row.statistic > row.gate
+            budget.learn(row.tail, row.statistic, beyond, dt_s, p.budget)
             row.disputed_s = min(max(row.disputed_s + (dt_s if beyond else -dt_s), 0.0), p.patience_s)
             if beyond and row.disputed_s < p.patience_s:
                 return
@@ -269,6 +269,7 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
         observe(row, z, gap_m)
     check.statistic = row.statistic
     check.gate = row.gate
-    check.p_value = min(1.0, alarms_per_hour(row.tail, row.statistic, p.tail) * p.tick_s / 3600.0)
+    rate_per_hour = budget.false_alarms_per_hour(row.tail, row.statistic, p.budget)
+    check.p_value = min(1.0, rate_per_hour * p.tick_s / 3600.0)
     check.warming = row.heard_s <= p.warming_s or row.ticks <= FULL
     check.anomalous = not check.warming and row.statistic > row.gate
