@@ -114,6 +114,15 @@ def test_a_speed_that_is_frozen_while_the_leader_changes_drifts() -> None:
     assert checks["anomalous"][1100:].any()
     unexplained_mps = (row["own_drift_mps"] - row["due_drift_mps"])[0]
     assert abs(unexplained_mps) > 10.0 * abs(honest["own_drift_mps"] - honest["due_drift_mps"])[0]
+    assert row["still_share"][0, 0] < 0.1
+    assert row["own_unusual"][0] > 1.5  # a speed that never stands still does
+
+
+def test_a_driver_who_often_keeps_one_speed_is_not_odd_in_doing_so() -> None:
+    readings = follow(120.0, np.random.default_rng(9), leader=lambda t_s: np.full(t_s.size, 12.0), noise=0.001)
+    row, _ = run(readings)
+    assert (row["still_share"][0] > 0.5).all()
+    assert row["own_unusual"][0] == pytest.approx(row["due_unusual"][0], abs=0.01) == pytest.approx(0.0, abs=0.01)
 
 
 def test_an_answer_is_excused_in_proportion() -> None:

@@ -3,7 +3,7 @@ from math import exp
 import numpy as np
 import pytest
 
-from headway.core.suspect import CALM, DOUBT, FADE_S, MOST, follower_log_odds, held, is_heard, weigh
+from headway.core.suspect import ALONE, CALM, DOUBT, FADE_S, MOST, follower_log_odds, held, is_heard, weigh
 
 T_S = 1000.0
 CARS = 4
@@ -38,6 +38,7 @@ def test_a_pair_alone_is_decided_by_whose_motion_was_unusual() -> None:
     assert log_odds(pairs, 1) == 0.0
     assert log_odds(pairs, 1, own=2.0, due=0.5) == 1.5
     assert log_odds(pairs, 1, own=0.5, due=2.0) == -1.5
+    assert log_odds(pairs, 1, own=1e9) == ALONE == -log_odds(pairs, 1, due=1e9)
 
 
 def test_a_leader_who_is_known_to_answer_needs_no_usual_motion() -> None:

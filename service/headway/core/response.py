@@ -22,8 +22,9 @@ natural way without regard to it:
 
     worth = ln N(own; 0, natural variance) - ln N(own; due, residual variance)
 
-so that a hard brake that was answered clears the leader even where the answer was not quite the expected one. Nothing
-is learnt from a tick beyond the gate, and little from one near it.
+so that a hard brake that was answered clears the leader even where the answer was not quite the expected one. The pair
+itself knows only whose motion is unusual: a speed that changes by more than is natural, or stands still where it seldom
+does. Nothing is learnt from a tick beyond the gate, and little from one near it.
 """
 
 from math import exp, isnan, log, sqrt
@@ -57,12 +58,14 @@ control). Leaving any collection out moves no entry by more than 0.22."""
 SUMS, DRIFT = 3, 2
 TYPICAL_MPS = (0.6, 0.6, 1.0)
 """Priors of the spreads of step, dip and drift: of what a driver leaves unexplained."""
-TYPICAL_MOTION_MPS = (1.0, 1.0, 2.0)
-"""And of how much a speed changes."""
+TYPICAL_MOTION_MPS, TYPICAL_STILL = (1.0, 1.0, 2.0), 0.1
+"""And of how much a speed changes, and how much of the time it does not."""
 MINOR_MPS = (0.2, 0.2, 0.4)
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
 UNUSUAL = 2.0
 """Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
+STILL_MPS, RARELY = 0.05, 0.01
+"""A speed that changes by less in every tick stands still; no driver is taken to do so more rarely."""
 OUTLIER = 3.0
 """Standard deviations beyond which a tick teaches less."""
 SOLVE_EVERY = 5
@@ -93,7 +96,8 @@ RESPONSE = np.dtype(
         ("tail", budget.TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
-        ("own_unusual", "f8"),  # log odds against a natural motion of the follower, from its speed change
+        ("still_share", "f8", (2,)),  # how much of the time the speeds of follower and leader stand still
+        ("own_unusual", "f8"),  # log odds against a natural motion of the follower
         ("due_unusual", "f8"),  # and of the leader, from the speed change that should have followed
         ("doubt", DOUBT),
     ],
@@ -170,6 +174,16 @@ def inexact_ms(own: float, due: float) -> float:
 
 
 @njit(cache=True)
+def stand_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
+    """Return whether the reported speeds of follower and leader have not changed of late."""
+    own, leader = True, True
+    for k in range(LAGS):
+        own = own and abs(row.own_mps[k]) < STILL_MPS
+        leader = leader and abs(row.leader_a_mps2[k]) * p.tick_s < STILL_MPS
+    return own, leader
+
+
+@njit(cache=True)
 def judge(row: Any, p: ResponseParams) -> None:
     """Write statistic, gate and whose motion is unusual, from the sums."""
     row.gate = budget.gate(row.tail, p.budget)
@@ -181,6 +195,11 @@ def judge(row: Any, p: ResponseParams) -> None:
         if which < DRIFT and z == row.statistic:
             row.own_unusual = 0.5 * own**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
             row.due_unusual = 0.5 * due**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
+    own_still, leader_still = stand_still(row, p)
+    if own_still:
+        row.own_unusual += max(-log(2.0 * max(row.still_share[0], RARELY)), 0.0)
+    if leader_still:
+        row.due_unusual += max(-log(2.0 * max(row.still_share[1], RARELY)), 0.0)
 
 
 @njit(cache=True)
@@ -195,8 +214,10 @@ def weigh_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
 
 @njit(cache=True)
 def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
-    """Follow the mean squares of the sums, each square cut at OUTLIER standard deviations."""
+    """Follow how much the speeds move and what is left unexplained, each square cut at OUTLIER standard deviations."""
     share = dt_s / min(p.spread_s + row.heard_s, p.memory_s)
+    for which, still in enumerate(stand_still(row, p)):
+        row.still_share[which] += share * (still - row.still_share[which])
     for which, (own, due) in enumerate(sums(row)):
         minor, residual, natural = MINOR_MPS[which] ** 2, row.residual_ms[which], row.natural_ms[which]
         unexplained = max((own - due) ** 2 - inexact_ms(own, due), 0.0)
@@ -227,6 +248,7 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
         return
     if row.heard_s == 0.0:
         row.theta[:] = MEAN_DRIVER
+        row.still_share[:] = TYPICAL_STILL
         for which in range(SUMS):
             row.residual_ms[which] = TYPICAL_MPS[which] ** 2
             row.natural_ms[which] = TYPICAL_MOTION_MPS[which] ** 2

@@ -27,6 +27,8 @@ CALM = 2.0
 """The doubt goes no lower: that a pair has been in order says little of what follows."""
 MOST = 6.0
 """No single reading is worth more."""
+ALONE = 12.0
+"""Nor is what a pair tells by itself of one of its cars."""
 
 DOUBT = np.dtype([("log_odds", "f8"), ("t_s", "f8")], align=True)
 """All zeros is a pair that was never judged."""
@@ -55,9 +57,9 @@ def is_heard(doubt: Any, t_s: float) -> bool:
 @njit(cache=True)
 def follower_log_odds(behind: Any, ahead: Any, own_unusual: float, due_unusual: float, t_s: float) -> float:
     """Return the log odds that the follower lies rather than the leader; `behind` and `ahead` are DOUBT."""
-    log_odds = own_unusual
+    log_odds = min(own_unusual, ALONE)
     if is_heard(behind, t_s):
         log_odds += held(behind.log_odds, behind.t_s, t_s)
     if is_heard(ahead, t_s):
         return float(log_odds - held(ahead.log_odds, ahead.t_s, t_s))
-    return float(log_odds - due_unusual)
+    return float(log_odds - min(due_unusual, ALONE))
