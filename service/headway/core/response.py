@@ -64,8 +64,9 @@ MINOR_MPS = (0.2, 0.2, 0.4)
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
 UNUSUAL = 2.0
 """Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
-STILL_MPS, RARELY = 0.05, 0.01
-"""A speed that changes by less in every tick stands still; no driver is taken to do so more rarely."""
+STILL_MPS, RARELY, FROZEN = 0.05, 0.01, 0.25
+"""A speed that changes by less in every tick stands still; no driver is taken to do so more rarely, and of the lies
+that are known one in four."""
 OUTLIER = 3.0
 """Standard deviations beyond which a tick teaches less."""
 SOLVE_EVERY = 5
@@ -197,9 +198,9 @@ def judge(row: Any, p: ResponseParams) -> None:
             row.due_unusual = 0.5 * due**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
     own_still, leader_still = stand_still(row, p)
     if own_still:
-        row.own_unusual += max(-log(2.0 * max(row.still_share[0], RARELY)), 0.0)
+        row.own_unusual += max(log(FROZEN / max(row.still_share[0], RARELY)), 0.0)
     if leader_still:
-        row.due_unusual += max(-log(2.0 * max(row.still_share[1], RARELY)), 0.0)
+        row.due_unusual += max(log(FROZEN / max(row.still_share[1], RARELY)), 0.0)
 
 
 @njit(cache=True)

@@ -28,7 +28,7 @@ CALM = 2.0
 MOST = 6.0
 """No single reading is worth more."""
 ALONE = 12.0
-"""Nor is what a pair tells by itself of one of its cars."""
+"""Nor is what a pair tells by itself."""
 
 DOUBT = np.dtype([("log_odds", "f8"), ("t_s", "f8")], align=True)
 """All zeros is a pair that was never judged."""
@@ -57,9 +57,9 @@ def is_heard(doubt: Any, t_s: float) -> bool:
 @njit(cache=True)
 def follower_log_odds(behind: Any, ahead: Any, own_unusual: float, due_unusual: float, t_s: float) -> float:
     """Return the log odds that the follower lies rather than the leader; `behind` and `ahead` are DOUBT."""
-    log_odds = min(own_unusual, ALONE)
-    if is_heard(behind, t_s):
-        log_odds += held(behind.log_odds, behind.t_s, t_s)
+    unusual, told = own_unusual - due_unusual, 0.0
     if is_heard(ahead, t_s):
-        return float(log_odds - held(ahead.log_odds, ahead.t_s, t_s))
-    return float(log_odds - min(due_unusual, ALONE))
+        unusual, told = own_unusual, -held(ahead.log_odds, ahead.t_s, t_s)
+    if is_heard(behind, t_s):
+        told += held(behind.log_odds, behind.t_s, t_s)
+    return float(told + min(max(unusual, -ALONE), ALONE))
