@@ -60,7 +60,7 @@ TYPICAL_MPS = (0.6, 0.6, 1.0)
 """Priors of the spreads of step, dip and drift: of what a driver leaves unexplained."""
 TYPICAL_MOTION_MPS, TYPICAL_STILL = (1.0, 1.0, 2.0), 0.1
 """And of how much a speed changes, and how much of the time it does not."""
-MINOR_MPS = (0.2, 0.2, 0.4)
+MINOR_MPS = (0.2, 0.2, 0.6)
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
 UNUSUAL = 2.0
 """Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
@@ -116,7 +116,7 @@ class ResponseParams(NamedTuple):
     """Time constant of all that is learnt of a driver."""
     warming_s: float = 45.0
     """Learning before verdicts count: some hundred ticks for eleven coefficients and two spreads."""
-    ridge_s: float = 20.0
+    ridge_s: float = 10.0
     """Worth of the prior of theta, in seconds of regressors of one."""
     spread_s: float = 40.0
     """Worth of the priors of the spreads, in seconds."""
