@@ -76,6 +76,16 @@ def test_a_feigned_brake_names_the_liar_wherever_it_drives(with_range: bool, lia
     assert last_named(verdicts) == liar
 
 
+def test_the_suspect_stands_when_the_alarm_is_over() -> None:
+    """What ends an event blames whom it has blamed."""
+    verdicts = run(platoon(with_range=False, liar=1))
+    for follower in (1, 2):
+        last = int(np.flatnonzero(verdicts["kind"][:, follower] != Kind.NONE)[-1])
+        odds = verdicts["follower_log_odds"][:, follower]
+        assert odds[last] != 0.0
+        assert (odds[last:] == odds[last]).all()
+
+
 def test_the_verdict_does_not_depend_on_the_order_of_a_wave() -> None:
     readings = platoon(with_range=True, liar=1)
     forward = run(readings)

@@ -2,11 +2,10 @@ import numpy as np
 import pytest
 from following import follow
 
-from headway.core.check import CHECK
+from headway.core.check import CHECK, check_budget
 from headway.core.ranging import RANGING, RangingParams, ranging_relink, ranging_step
-from headway.core.tail import TailParams
 
-P = RangingParams(TailParams(budget_per_hour=0.1))
+P = RangingParams(check_budget(0.1))
 OFFSET_M = 1.3
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from following import START_S, dip, follow, wave
 
-from headway.core.check import CHECK
+from headway.core.check import CHECK, check_budget
 from headway.core.response import (
     COLUMNS,
     FULL,
@@ -12,12 +12,12 @@ from headway.core.response import (
     PULSE,
     RESPONSE,
     ResponseParams,
+    inexact_ms,
     response_relink,
     response_step,
 )
-from headway.core.tail import TailParams
 
-P = ResponseParams(TailParams(budget_per_hour=1.0))
+P = ResponseParams(check_budget(1.0))
 NEVER_FORGET = P._replace(memory_s=1e12)
 
 
@@ -67,8 +67,9 @@ def test_a_feigned_brake_is_found_and_the_follower_moved() -> None:
     assert not checks["anomalous"][:1000].any()
     found = np.flatnonzero(checks["anomalous"])
     assert 1000 < found[0] < 1030
-    assert checks["lean"][found[0]] > 1.0
     assert checks["p_value"][found[0]] < 1e-4
+    at_onset, _ = run(readings[: found[0] + 1])
+    assert at_onset["own_unusual"][0] > at_onset["due_unusual"][0] + 1.0
 
 
 def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
@@ -79,15 +80,65 @@ def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
     _, checks = run(readings)
     found = np.flatnonzero(checks["anomalous"])
     assert 1000 < found[0] < 1060
-    assert checks["lean"][found[-1]] < -1.0
+    at_last, _ = run(readings[: found[-1] + 1])
+    assert at_last["due_unusual"][0] > at_last["own_unusual"][0] + 0.25
 
 
 def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
     def brakes(t_s: np.ndarray) -> np.ndarray:
         return wave(t_s) - 3.0 * np.exp(-(((t_s - 102.0) / 1.5) ** 2))
 
-    _, checks = run(follow(120.0, np.random.default_rng(3), leader=brakes))
+    readings = follow(120.0, np.random.default_rng(3), leader=brakes)
+    _, checks = run(readings)
     assert not checks["anomalous"].any()
+    row, _ = run(readings[:1040])
+    assert row["doubt"]["log_odds"][0] < -1.0
+
+
+def test_a_leader_who_says_what_nobody_answers_is_doubted() -> None:
+    readings = follow(120.0, np.random.default_rng(2))
+    calm, _ = run(readings[:1040])
+    speed, location = dip(40)
+    readings["leader_v_mps"][1000:1040] += speed
+    readings["leader_x_m"][1000:1040] += location
+    row, _ = run(readings[:1040])
+    assert row["doubt"]["log_odds"][0] > max(calm["doubt"]["log_odds"][0], 0.0) + 2.0
+
+
+def test_a_speed_that_is_frozen_while_the_leader_changes_drifts() -> None:
+    readings = follow(120.0, np.random.default_rng(1))
+    frozen = readings.copy()
+    frozen["v_mps"][1100:] = readings["v_mps"][1100]
+    frozen["x_m"][1100:] = readings["x_m"][1100] + 0.1 * readings["v_mps"][1100] * np.arange(100)
+    (honest, _), (row, checks) = run(readings), run(frozen)
+    assert checks["anomalous"][1100:].any()
+    unexplained_mps = (row["own_drift_mps"] - row["due_drift_mps"])[0]
+    assert abs(unexplained_mps) > 10.0 * abs(honest["own_drift_mps"] - honest["due_drift_mps"])[0]
+    assert row["still_share"][0, 0] < 0.1
+    assert row["own_unusual"][0] > 1.5  # a speed that never stands still does
+
+
+def test_a_driver_who_often_keeps_one_speed_is_not_odd_in_doing_so() -> None:
+    readings = follow(120.0, np.random.default_rng(9), leader=lambda t_s: np.full(t_s.size, 12.0), noise=0.001)
+    row, _ = run(readings)
+    assert (row["still_share"][0] > 0.5).all()
+    assert row["own_unusual"][0] == pytest.approx(row["due_unusual"][0], abs=0.01) == pytest.approx(0.0, abs=0.01)
+
+
+def test_an_answer_is_excused_in_proportion() -> None:
+    """Half as much again as was due is one standard deviation; no answer, or one to the other side, is not excused."""
+    assert inexact_ms(3.0, 2.0) == inexact_ms(-2.0, -3.0) == pytest.approx(1.0)
+    assert inexact_ms(0.0, 2.0) == inexact_ms(-2.0, 2.0) == 0.0
+
+
+def test_a_driver_who_is_odd_now_and_then_is_learnt_in_the_end() -> None:
+    """A statistic that swings about the gate must not keep the row from learning."""
+    readings = follow(400.0, np.random.default_rng(8))
+    t_s = readings["t_s"] - START_S
+    readings["v_mps"] += 3.0 * np.sin(0.4 * np.pi * t_s) * (t_s > 100.0)
+    _, checks = run(readings)
+    assert 0.1 < checks["anomalous"][1000:1600].mean() < 0.9
+    assert not checks["anomalous"][2500:].any()
 
 
 def test_the_anomaly_is_not_learnt() -> None:

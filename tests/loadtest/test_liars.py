@@ -30,6 +30,7 @@ def test_the_response_alone_finds_feigned_brakes(rows: dict) -> None:
     assert row["lies"] > 100
     assert row["recall_at_2pct_windows"] > 0.9
     assert row["suspect_correct"] > 0.9
+    assert abs(row["confidence_at_onset"] - row["suspect_correct_at_onset"]) < 0.15
     assert row["detection_delay_s"] < 4.0
 
 
@@ -62,7 +63,14 @@ def test_the_follower_hears_what_the_leader_tells() -> None:
 
 
 def test_real_pairs(shared_data: Path) -> None:
-    rows = run_liars(sorted((shared_data / "pairs" / "jiang").glob("*.csv")), runs=1, seed=0)
-    jiang = {(row["injection"], row["with_range"]): row for row in rows if row["set"] == "jiang"}
-    assert jiang["feigned-brake", False]["recall_at_2pct_windows"] >= 0.97
-    assert jiang["drag", True]["recall_at_budget"] >= 0.95
+    """Feigned brakes among drivers, what a range exposes, and the suspect in real platoons without it."""
+    paths = [path for name in ("jiang", "napoli") for path in sorted((shared_data / "pairs" / name).glob("*.csv"))]
+    rows = {(row["set"], row["injection"], row["with_range"]): row for row in run_liars(paths, runs=1, seed=0)}
+    assert rows["jiang", "feigned-brake", False]["recall_at_2pct_windows"] >= 0.97
+    assert rows["napoli", "feigned-brake", False]["recall_at_2pct_windows"] >= 0.95
+    for name in ("jiang", "napoli", "napoli-platoon"):
+        assert rows[name, "drag", True]["recall_at_budget"] >= 0.95
+    for kind in ("feigned-brake", "replay", "freeze"):
+        assert rows["napoli-platoon", kind, False]["suspect_correct"] >= 0.9
+        assert rows["napoli-platoon", kind, True]["suspect_correct"] >= 0.98
+    assert rows["napoli-platoon", "feigned-brake", False]["confidence_at_onset"] < 0.9  # not yet sure, and says so

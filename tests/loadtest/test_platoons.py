@@ -25,6 +25,14 @@ def test_pairs_that_did_not_drive_together_stay_apart() -> None:
     assert chain([pair("a", 0.0), pair("a", 10.0)]) == []
 
 
+def test_pairs_that_share_a_car_or_leave_one_out_are_no_platoon() -> None:
+    first, shares, next_but_one = pair("a", 100.0), pair("a", 80.0), pair("a", 40.0)
+    assert chain([first, shares]) == []
+    assert chain([first, next_but_one]) == []
+    (four,) = chain([first, shares, pair("a", 60.0)])
+    assert four.x_m[0].tolist() == [100.0, 80.0, 60.0, 40.0]
+
+
 def test_synthetic_drivers_neither_collide_nor_drive_backwards() -> None:
     for seed in range(5):
         four = synthetic(np.random.default_rng(seed), 120.0)

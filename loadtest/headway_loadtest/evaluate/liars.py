@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from scipy.special import expit
 
 from headway.core.link import LINK, LINK_VERDICT, LinkParams, link_params, step_links
 from headway.core.records import READING
@@ -46,6 +47,9 @@ class Findings:
     """Whether the statement of the highest odds names the liar."""
     named_at_onset: list[bool] = field(default_factory=list)
     """Whether the first statement does."""
+    confidence: list[float] = field(default_factory=list)
+    """Of the statement of the highest odds."""
+    confidence_at_onset: list[float] = field(default_factory=list)
     delay_s: list[float] = field(default_factory=list)
 
 
@@ -151,8 +155,12 @@ def note(found: Findings, judged: Any, liar: int) -> None:
     if at.size:
         log_odds = judged["follower_log_odds"][at, followers]
         right = np.where(log_odds > 0.0, followers, followers - 1) == liar
-        found.named.append(bool(right[np.abs(log_odds).argmax()]))
+        confidence = expit(np.abs(log_odds))
+        surest = np.abs(log_odds).argmax()
+        found.named.append(bool(right[surest]))
         found.named_at_onset.append(bool(right[0]))
+        found.confidence.append(float(confidence[surest]))
+        found.confidence_at_onset.append(float(confidence[0]))
         found.delay_s.append(float(at[0]) * SAMPLE_S)
 
 
@@ -161,8 +169,8 @@ def run_liars(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: floa
 
     Returns rows with `set`, `injection`, `with_range`, `cars`, `lies`, `recall_at_2pct_windows`, `recall_at_budget`,
     `false_alarms_per_hour` (per pair, on the clean drives), `suspect_correct` and `suspect_correct_at_onset` (of the
-    lies found at the budget, by the strongest and by the first word said), `detection_delay_s` (median). Unknown
-    values are None.
+    lies found at the budget, by the strongest and by the first word said) beside the mean `confidence` and
+    `confidence_at_onset` that they were said with, `detection_delay_s` (median). Unknown values are None.
     """
     pairs = [read_pair(path) for path in paths]
     rng = np.random.default_rng(seed)
@@ -199,15 +207,17 @@ def measure(
             "with_range": with_range,
             "cars": cars,
             "lies": len(found.lied),
-            "recall_at_2pct_windows": share([height > gate for height in found.lied]),
-            "recall_at_budget": share(found.alarmed),
+            "recall_at_2pct_windows": mean([height > gate for height in found.lied]),
+            "recall_at_budget": mean(found.alarmed),
             "false_alarms_per_hour": false_alarms / hours if hours else None,
-            "suspect_correct": share(found.named),
-            "suspect_correct_at_onset": share(found.named_at_onset),
+            "suspect_correct": mean(found.named),
+            "suspect_correct_at_onset": mean(found.named_at_onset),
+            "confidence": mean(found.confidence),
+            "confidence_at_onset": mean(found.confidence_at_onset),
             "detection_delay_s": float(np.median(found.delay_s)) if found.delay_s else None,
         }
 
 
-def share(held: Sequence[bool]) -> float | None:
-    """Return the part that is true, None of nothing."""
-    return sum(held) / len(held) if held else None
+def mean(values: Sequence[float]) -> float | None:
+    """Return the mean, which of truth values is the part that is true; None of nothing."""
+    return sum(values) / len(values) if values else None

@@ -11,8 +11,10 @@ from headway_loadtest.inject import F64
 
 SAMPLE_S = 0.1
 LENGTH_M = 5.0
-BETWEEN_PAIRS_M = (2.0, 80.0)
-"""Front to front, from the follower of one pair to the leader of the next, all along the drive."""
+LEAST_APART_M = 2.0
+"""Front to front all along the drive; nearer, it is the same car."""
+MOST_APART = 1.5
+"""Mean distance between two pairs, in those within them; farther, a car that nobody recorded drives between."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,21 +42,24 @@ def chain(pairs: Iterable[Platoon]) -> list[Platoon]:
 
     Pairs of one drive have the same group, the same times and one coordinate.
     """
-    found = []
-    for first, second in permutations(pairs, 2):
-        if first.group == second.group and np.array_equal(first.t_s, second.t_s):
-            apart_m = first.x_m[:, -1] - second.x_m[:, 0]
-            if BETWEEN_PAIRS_M[0] < apart_m.min() and apart_m.max() < BETWEEN_PAIRS_M[1]:
-                found.append(
-                    Platoon(
-                        f"{first.group}-platoon",
-                        first.t_s,
-                        np.hstack([first.x_m, second.x_m]),
-                        np.hstack([first.v_mps, second.v_mps]),
-                        np.concatenate([first.length_m, second.length_m]),
-                    )
-                )
-    return found
+    return [
+        Platoon(
+            f"{first.group}-platoon",
+            first.t_s,
+            np.hstack([first.x_m, second.x_m]),
+            np.hstack([first.v_mps, second.v_mps]),
+            np.concatenate([first.length_m, second.length_m]),
+        )
+        for first, second in permutations(pairs, 2)
+        if first.group == second.group and np.array_equal(first.t_s, second.t_s) and is_right_behind(first, second)
+    ]
+
+
+def is_right_behind(first: Platoon, second: Platoon) -> bool:
+    """Whether the first car of `second` follows the last of `first`, at the same times, with no car between."""
+    apart_m = first.x_m[:, -1] - second.x_m[:, 0]
+    within_m = -np.concatenate([np.diff(first.x_m), np.diff(second.x_m)])
+    return bool(apart_m.min() > LEAST_APART_M and apart_m.mean() < MOST_APART * within_m.mean())
 
 
 def synthetic(rng: np.random.Generator, seconds: float, cars: int = 4) -> Platoon:

@@ -10,20 +10,19 @@ import numpy as np
 from numba import njit
 from scipy.special import expit
 
-from headway.core.check import CHECK
+from headway.core.check import CHECK, check_budget
 from headway.core.ranging import RANGING, RangingParams, ranging_relink, ranging_step
 from headway.core.records import Kind, Records, Sensor
 from headway.core.response import RESPONSE, ResponseParams, response_relink, response_step
-from headway.core.suspect import WITNESS, bear_witness, follower_log_odds, held
-from headway.core.tail import TailParams
+from headway.core.suspect import DOUBT, follower_log_odds, held
 
 LINK = np.dtype(
     [
         ("leader", "i8"),  # row of the last leader, counted from 1; 0: never one
-        ("log_odds", "f8"),  # the strongest statement about this pair of late: above 0 the follower lies
+        ("log_odds", "f8"),  # the statement about this pair that stands: above 0 the follower lies
         ("log_odds_t_s", "f8"),
-        ("ranging_witness", WITNESS),
-        ("response_witness", WITNESS),
+        ("ranging_behind", DOUBT),  # what the last car that followed this one has to say
+        ("response_behind", DOUBT),
         ("ranging", RANGING),
         ("response", RESPONSE),
     ],
@@ -58,10 +57,9 @@ class LinkParams(NamedTuple):
 
 def link_params(budget_per_hour: float) -> LinkParams:
     """Return the parameters that keep false alarms of both tests together within `budget_per_hour` per pair."""
-    ranging_budget = RANGING_SHARE * budget_per_hour
     return LinkParams(
-        ResponseParams(TailParams(budget_per_hour=budget_per_hour - ranging_budget)),
-        RangingParams(TailParams(budget_per_hour=ranging_budget)),
+        ResponseParams(check_budget((1.0 - RANGING_SHARE) * budget_per_hour)),
+        RangingParams(check_budget(RANGING_SHARE * budget_per_hour)),
     )
 
 
@@ -98,20 +96,27 @@ def step_links(links: Any, rows: Any, leaders: Any, readings: Any, p: LinkParams
         verdict.follower_log_odds = 0.0
         if leaders[i] < 0:
             continue
-        leader, lean = links[leaders[i]], verdict.response.lean
-        if not verdict.response.warming:
-            bear_witness(link.response_witness, leader.response_witness, verdict.response.statistic, z.t_s)
-        if not verdict.ranging.warming:
-            bear_witness(link.ranging_witness, leader.ranging_witness, verdict.ranging.statistic, z.t_s)
+        leader, own, due = links[leaders[i]], link.response.own_unusual, link.response.due_unusual
+        hand_on(link.response.doubt, leader.response_behind)
+        hand_on(link.ranging.doubt, leader.ranging_behind)
         if verdict.kind == RANGE_KIND:
-            log_odds = follower_log_odds(link.ranging_witness, leader.ranging_witness, lean, z.t_s)
+            state(link, follower_log_odds(link.ranging_behind, leader.ranging.doubt, own, due, z.t_s), z.t_s)
         elif verdict.kind == RESPONSE_KIND:
-            log_odds = follower_log_odds(link.response_witness, leader.response_witness, lean, z.t_s)
-        else:
-            continue
-        if abs(log_odds) > abs(held(link.log_odds, link.log_odds_t_s, z.t_s)):
-            link.log_odds, link.log_odds_t_s = log_odds, z.t_s
+            state(link, follower_log_odds(link.response_behind, leader.response.doubt, own, due, z.t_s), z.t_s)
         verdict.follower_log_odds = link.log_odds
+
+
+@njit(cache=True)
+def hand_on(doubt: Any, behind: Any) -> None:
+    """Tell the leader what its follower has to say."""
+    behind.log_odds, behind.t_s = doubt.log_odds, doubt.t_s
+
+
+@njit(cache=True)
+def state(link: Any, log_odds: float, t_s: float) -> None:
+    """Take a statement about the pair, unless a stronger one was made just before."""
+    if abs(log_odds) >= abs(held(link.log_odds, link.log_odds_t_s, t_s)):
+        link.log_odds, link.log_odds_t_s = log_odds, t_s
 
 
 @njit(cache=True)

@@ -7,16 +7,18 @@ The offsets (where on each car its location refers to, where the sensor sits) ar
 so are the spreads, which hold the slow wander of satellite positions as well. Both disagreements are averaged over
 `SMOOTH_S` (Roberts 1959, the exponentially weighted moving average chart), so that a slow lie adds up and one bad
 reading does not count; the root of the sum of their squares, each in its own standard deviations, is the statistic.
-Which of the two cars is wrong the disagreement cannot say.
+Which of the two cars is wrong the disagreement cannot say; for the neighbours (suspect.py), a lie spreads it LIE times
+as wide as the truth.
 """
 
-from math import exp, isnan, sqrt
+from math import exp, isnan, log, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 
-from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
+from headway.core import budget
+from headway.core.suspect import DOUBT, weigh
 
 SMOOTH_S = 0.5
 MINOR = (0.3, 0.1)
@@ -25,6 +27,8 @@ UNHEARD_MPS2 = 1.0
 """What a leader's acceleration may have been since its last sample."""
 OUTLIER = 3.0
 """Standard deviations beyond which a disagreement teaches no more."""
+LIE = 3.0
+"""Standard deviations of the disagreement that a lie makes."""
 SETTLE_S = 2.0
 
 RANGING = np.dtype(
@@ -35,7 +39,8 @@ RANGING = np.dtype(
         ("smooth", "f8", (2,)),  # disagreement averaged over SMOOTH_S; m, m/s
         ("smooth_ms", "f8", (2,)),  # mean square of it
         ("disputed_s", "f8"),  # how long it has been beyond the gate
-        ("tail", TAIL),
+        ("tail", budget.TAIL),
+        ("doubt", DOUBT),
     ],
     align=True,
 )
@@ -45,7 +50,7 @@ RANGING = np.dtype(
 class RangingParams(NamedTuple):
     """How a pair's forward sensor is learnt and judged."""
 
-    tail: TailParams
+    budget: budget.Budget
     memory_s: float = 120.0
     warming_s: float = 10.0
     max_gap_s: float = 1.2
@@ -57,22 +62,23 @@ class RangingParams(NamedTuple):
 def ranging_relink(row: Any) -> None:
     """Another leader: other offsets, so begin anew."""
     row.heard_s = 0.0
+    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
 def begin(row: Any, t_s: float) -> None:
-    """Forget the pair."""
+    """Forget the pair, save how high its statistic goes."""
     row.heard_s, row.t_s, row.disputed_s = 0.0, t_s, 0.0
     row.offset[:] = 0.0
     row.smooth[:] = 0.0
     row.smooth_ms[:] = 0.0
-    row.tail.peaks, row.tail.excess, row.tail.exposure_s, row.tail.peak = 0.0, 0.0, 0.0, 0.0
+    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
 def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
     """Take one READING into one RANGING row and write the CHECK; without a leader or a range it says `warming`."""
-    check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
+    check.statistic, check.p_value = 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s) or isnan(z.range_m):
         return
@@ -94,13 +100,16 @@ def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
         squares += row.smooth[k] ** 2 / (row.smooth_ms[k] + MINOR[k] ** 2 + unheard[k] ** 2)
     if settled:
         check.statistic = sqrt(squares)
-    gate = tail_gate(row.tail, p.tail)
-    check.gate = gate
-    check.p_value = min(1.0, alarms_per_hour(row.tail, check.statistic, p.tail) * dt_s / 3600.0)
+    check.gate = budget.gate(row.tail, p.budget)
+    rate_per_hour = budget.false_alarms_per_hour(row.tail, check.statistic, p.budget)
+    check.p_value = min(1.0, rate_per_hour * dt_s / 3600.0)
     check.warming = row.heard_s < p.warming_s
-    check.anomalous = not check.warming and check.statistic > gate
+    check.anomalous = not check.warming and check.statistic > check.gate
     if not check.warming:
-        tail_learn(row.tail, check.statistic, gate, dt_s, p.tail)
+        spread = 1.0 + LIE**2
+        worth = 0.5 * squares * (1.0 - 1.0 / spread) - log(spread)
+        weigh(row.doubt, worth, 1.0, z.t_s)
+        budget.learn(row.tail, check.statistic, check.anomalous, dt_s, p.budget)
     if check.anomalous:
         row.disputed_s += dt_s
         return

@@ -5,16 +5,26 @@ Each driver's response is a linear model with distributed delays, learnt per row
 
     dv/dt = theta' [1, gap, v, v_leader - v, ln gap | leader's acceleration over the last LAGS ticks] + noise
 
-the first group as it stood one tick ago. What the model leaves unexplained, matched with half a sine of two
-seconds, is a smooth speed change without a cause, in m/s; two statistics, each in units of its own learnt standard
-deviation, make one:
+the first group as it stood one tick ago. What the model leaves unexplained, own less due, is a speed change without a
+cause. Three sums of it, each in units of its own standard deviation, make one statistic, the largest:
 
-    step    the unexplained speed change of the last 2 s
-    dip     that change less the one of the 2 s before: a speed that leaves and comes back
+    step    of the last 2 s, matched with half a sine
+    dip     the step less the one of the 2 s before: a speed that leaves and comes back
+    drift   of the last DRIFT_S or so: a speed that is let alone while the leader's changes
 
-The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer);
-`own_mps` and `due_mps` say which of the two moved. Nothing is learnt from a tick beyond the gate, and little from one
-near it.
+Nobody answers to the point, so that the variance of a sum grows with the manoeuvre that was answered:
+
+    variance = learnt + (INEXACT answered)^2      answered = min(|own|, |due|) where both have one sign, else 0
+
+The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer). For the
+question of whose it is (suspect.py), each step tells whether the follower answers what it is told, or moves in its
+natural way without regard to it:
+
+    worth = ln N(own; 0, natural variance) - ln N(own; due, residual variance)
+
+so that a hard brake that was answered clears the leader even where the answer was not quite the expected one. The pair
+itself knows only whose motion is unusual: a speed that changes by more than is natural, or stands still where it seldom
+does. Nothing is learnt from a tick beyond the gate, and little from one near it.
 """
 
 from math import exp, isnan, log, sqrt
@@ -23,8 +33,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
+from headway.core import budget
 from headway.core.ridge import ridge_learn, ridge_solve
-from headway.core.tail import TAIL, TailParams, alarms_per_hour, tail_gate, tail_learn
+from headway.core.suspect import DOUBT, weigh
 
 OWN, LAGS = 5, 6
 COLUMNS = OWN + LAGS
@@ -33,16 +44,29 @@ SPAN = 5
 PULSE = (0.4, 1.047, 1.294, 1.047, 0.4)
 """Half a sine over SPAN, scaled so that a speed change of that shape is given back as it is."""
 
+DRIFT_S = 8.0
+"""Time constant of the drift."""
+INEXACT = 0.5
+"""Standard deviation of an answer, as a share of it."""
+
 GAP_SCALE_M, SPEED_SCALE_MPS = 20.0, 10.0
 """Bring the regressors to the order of one, so that one ridge serves all."""
 GAP_FLOOR_M = 0.5
 MEAN_DRIVER = (-0.1, 0.34, -0.16, 0.19, 0.01, 0.12, 0.0, 0.02, 0.15, 0.06, 0.24)
 """Prior of theta: the mean over drivers of four collections, each of the same weight (humans and adaptive cruise
 control). Leaving any collection out moves no entry by more than 0.22."""
-TYPICAL_STEP_MPS, TYPICAL_MOTION_MPS = 0.6, 1.0
-"""Priors of the spreads: of what a driver leaves unexplained in 2 s, and of how much a speed changes."""
-MINOR_MPS = 0.2
+SUMS, DRIFT = 3, 2
+TYPICAL_MPS = (0.6, 0.6, 1.0)
+"""Priors of the spreads of step, dip and drift: of what a driver leaves unexplained."""
+TYPICAL_MOTION_MPS, TYPICAL_STILL = (1.0, 1.0, 2.0), 0.1
+"""And of how much a speed changes, and how much of the time it does not."""
+MINOR_MPS = (0.2, 0.2, 0.6)
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
+UNUSUAL = 2.0
+"""Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
+STILL_MPS, RARELY, FROZEN = 0.05, 0.01, 0.25
+"""A speed that changes by less in every tick stands still; no driver is taken to do so more rarely, and of the lies
+that are known one in four."""
 OUTLIER = 3.0
 """Standard deviations beyond which a tick teaches less."""
 SOLVE_EVERY = 5
@@ -65,13 +89,18 @@ RESPONSE = np.dtype(
         ("theta", "f8", (COLUMNS,)),
         ("own_mps", "f8", (2 * SPAN,)),  # speed changes tick by tick, newest first
         ("due_mps", "f8", (2 * SPAN,)),  # those that the model expected
-        ("residual_ms", "f8", (2,)),  # mean square of step and dip
-        ("natural_ms", "f8", (2,)),  # mean square of the same sums of own_mps: how much this car moves anyway
-        ("disputed_s", "f8"),  # how long the statistic has been beyond the gate
-        ("tail", TAIL),
+        ("own_drift_mps", "f8"),
+        ("due_drift_mps", "f8"),
+        ("residual_ms", "f8", (SUMS,)),  # mean square of step, dip and drift, less what manoeuvres explain
+        ("natural_ms", "f8", (SUMS,)),  # mean square of the same sums of own_mps: how much this car moves anyway
+        ("disputed_s", "f8"),  # how much longer the statistic has been beyond the gate of late than below it
+        ("tail", budget.TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
-        ("lean", "f8"),
+        ("still_share", "f8", (2,)),  # how much of the time the speeds of follower and leader stand still
+        ("own_unusual", "f8"),  # log odds against a natural motion of the follower
+        ("due_unusual", "f8"),  # and of the leader, from the speed change that should have followed
+        ("doubt", DOUBT),
     ],
     align=True,
 )
@@ -81,18 +110,18 @@ RESPONSE = np.dtype(
 class ResponseParams(NamedTuple):
     """How a driver's response is learnt and judged."""
 
-    tail: TailParams
+    budget: budget.Budget
     tick_s: float = 0.4
     memory_s: float = 120.0
     """Time constant of all that is learnt of a driver."""
     warming_s: float = 45.0
     """Learning before verdicts count: some hundred ticks for eleven coefficients and two spreads."""
-    ridge_s: float = 20.0
+    ridge_s: float = 10.0
     """Worth of the prior of theta, in seconds of regressors of one."""
     spread_s: float = 40.0
     """Worth of the priors of the spreads, in seconds."""
     patience_s: float = 20.0
-    """Beyond the gate for so long, it is how this driver drives now, and is learnt."""
+    """Beyond the gate for so much longer than below it, it is how this driver drives now, and is learnt."""
     max_gap_s: float = 1.2
     """A longer silence breaks the sums: they begin anew, what was learnt stays."""
 
@@ -100,7 +129,9 @@ class ResponseParams(NamedTuple):
 @njit(cache=True)
 def response_relink(row: Any) -> None:
     """Another leader: the sums begin anew, what was learnt of the driver stays."""
-    row.ticks, row.statistic, row.lean, row.disputed_s = 0, 0.0, 0.0, 0.0
+    row.ticks, row.statistic, row.disputed_s = 0, 0.0, 0.0
+    row.own_drift_mps, row.due_drift_mps, row.own_unusual, row.due_unusual = 0.0, 0.0, 0.0, 0.0
+    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
@@ -126,37 +157,73 @@ def observe(row: Any, z: Any, gap_m: float) -> None:
 
 
 @njit(cache=True)
-def sums(row: Any) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return (own, due) of the step and of the dip, m/s."""
+def sums(row: Any) -> Any:
+    """Return (own, due) of step, dip and drift, m/s."""
     own, due, own_before, due_before = 0.0, 0.0, 0.0, 0.0
     for k in range(SPAN):
         own += PULSE[k] * row.own_mps[k]
         due += PULSE[k] * row.due_mps[k]
         own_before += PULSE[k] * row.own_mps[SPAN + k]
         due_before += PULSE[k] * row.due_mps[SPAN + k]
-    return (own, due), (own - own_before, due - due_before)
+    return (own, due), (own - own_before, due - due_before), (row.own_drift_mps, row.due_drift_mps)
+
+
+@njit(cache=True)
+def inexact_ms(own: float, due: float) -> float:
+    """Return the variance that comes with the manoeuvre that was answered, (m/s)^2."""
+    return (INEXACT * min(abs(own), abs(due))) ** 2 if own * due > 0.0 else 0.0
+
+
+@njit(cache=True)
+def stand_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
+    """Return whether the reported speeds of follower and leader have not changed of late."""
+    own, leader = True, True
+    for k in range(LAGS):
+        own = own and abs(row.own_mps[k]) < STILL_MPS
+        leader = leader and abs(row.leader_a_mps2[k]) * p.tick_s < STILL_MPS
+    return own, leader
 
 
 @njit(cache=True)
 def judge(row: Any, p: ResponseParams) -> None:
-    """Write statistic, gate and lean, from the sums over the last two spans."""
-    row.gate = tail_gate(row.tail, p.tail)
-    row.statistic, row.lean = 0.0, 0.0
+    """Write statistic, gate and whose motion is unusual, from the sums."""
+    row.gate = budget.gate(row.tail, p.budget)
+    row.statistic = 0.0
     for which, (own, due) in enumerate(sums(row)):
-        z = abs(own - due) / sqrt(row.residual_ms[which] + MINOR_MPS**2)
-        if z > row.statistic:
-            row.statistic = z
-            row.lean = 0.5 * (own**2 - due**2) / (row.natural_ms[which] + MINOR_MPS**2)
+        minor = MINOR_MPS[which] ** 2
+        z = abs(own - due) / sqrt(row.residual_ms[which] + minor + inexact_ms(own, due))
+        row.statistic = max(row.statistic, z)
+        if which < DRIFT and z == row.statistic:
+            row.own_unusual = 0.5 * own**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
+            row.due_unusual = 0.5 * due**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
+    own_still, leader_still = stand_still(row, p)
+    if own_still:
+        row.own_unusual += max(log(FROZEN / max(row.still_share[0], RARELY)), 0.0)
+    if leader_still:
+        row.due_unusual += max(log(FROZEN / max(row.still_share[1], RARELY)), 0.0)
+
+
+@njit(cache=True)
+def weigh_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
+    """Add to the pair's doubt whether the step was an answer to the leader or a motion without regard to it."""
+    own, due = sums(row)[0]
+    residual, natural = row.residual_ms[0] + MINOR_MPS[0] ** 2, row.natural_ms[0] + MINOR_MPS[0] ** 2
+    answer = (own - due) ** 2 / residual + log(residual)
+    without_regard = own**2 / natural + log(natural)
+    weigh(row.doubt, 0.5 * (answer - without_regard), dt_s / (SPAN * p.tick_s), t_s)
 
 
 @njit(cache=True)
 def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
-    """Follow the mean squares of the sums, each square cut at OUTLIER standard deviations."""
+    """Follow how much the speeds move and what is left unexplained, each square cut at OUTLIER standard deviations."""
     share = dt_s / min(p.spread_s + row.heard_s, p.memory_s)
+    for which, still in enumerate(stand_still(row, p)):
+        row.still_share[which] += share * (still - row.still_share[which])
     for which, (own, due) in enumerate(sums(row)):
-        residual, natural = row.residual_ms[which], row.natural_ms[which]
-        row.residual_ms[which] += share * (min((own - due) ** 2, OUTLIER**2 * (residual + MINOR_MPS**2)) - residual)
-        row.natural_ms[which] += share * (min(own**2, OUTLIER**2 * (natural + MINOR_MPS**2)) - natural)
+        minor, residual, natural = MINOR_MPS[which] ** 2, row.residual_ms[which], row.natural_ms[which]
+        unexplained = max((own - due) ** 2 - inexact_ms(own, due), 0.0)
+        row.residual_ms[which] += share * (min(unexplained, OUTLIER**2 * (residual + minor)) - residual)
+        row.natural_ms[which] += share * (min(own**2, OUTLIER**2 * (natural + minor)) - natural)
 
 
 @njit(cache=True)
@@ -175,19 +242,26 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
     own = z.v_mps - row.v_mps
     push(row.own_mps, own)
     push(row.due_mps, due * dt_s)
+    kept = exp(-dt_s / DRIFT_S)
+    row.own_drift_mps = kept * row.own_drift_mps + own
+    row.due_drift_mps = kept * row.due_drift_mps + due * dt_s
     if row.ticks < LAGS:
         return
     if row.heard_s == 0.0:
         row.theta[:] = MEAN_DRIVER
-        row.residual_ms[:] = TYPICAL_STEP_MPS**2
-        row.natural_ms[:] = TYPICAL_MOTION_MPS**2
+        row.still_share[:] = TYPICAL_STILL
+        for which in range(SUMS):
+            row.residual_ms[which] = TYPICAL_MPS[which] ** 2
+            row.natural_ms[which] = TYPICAL_MOTION_MPS[which] ** 2
     row.heard_s += dt_s
     if row.ticks >= FULL:
         judge(row, p)
         if row.heard_s > p.warming_s:
-            tail_learn(row.tail, row.statistic, row.gate, dt_s, p.tail)
-            row.disputed_s = row.disputed_s + dt_s if row.statistic > row.gate else 0.0
-            if 0.0 < row.disputed_s < p.patience_s:
+            weigh_answer(row, z.t_s, dt_s, p)
+            beyond = row.statistic > row.gate
+            budget.learn(row.tail, row.statistic, beyond, dt_s, p.budget)
+            row.disputed_s = min(max(row.disputed_s + (dt_s if beyond else -dt_s), 0.0), p.patience_s)
+            if beyond and row.disputed_s < p.patience_s:
                 return
         learn_spread(row, dt_s, p)
     weight = dt_s * min(1.0, (OUTLIER / max(row.statistic, OUTLIER)) ** 2)
@@ -203,7 +277,7 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
     Between ticks the last verdict stands. Without a leader there is nothing to answer, and the check says `warming`;
     a leader who is heard again within `max_gap_s` is answered as if there had been no gap.
     """
-    check.statistic, check.lean, check.p_value = 0.0, 0.0, 1.0
+    check.statistic, check.p_value = 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s):
         return
@@ -217,8 +291,8 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
             response_relink(row)
         observe(row, z, gap_m)
     check.statistic = row.statistic
-    check.lean = row.lean
     check.gate = row.gate
-    check.p_value = min(1.0, alarms_per_hour(row.tail, row.statistic, p.tail) * p.tick_s / 3600.0)
+    rate_per_hour = budget.false_alarms_per_hour(row.tail, row.statistic, p.budget)
+    check.p_value = min(1.0, rate_per_hour * p.tick_s / 3600.0)
     check.warming = row.heard_s <= p.warming_s or row.ticks <= FULL
     check.anomalous = not check.warming and row.statistic > row.gate
