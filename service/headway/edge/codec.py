@@ -1,13 +1,15 @@
 """Bytes to core columns, and the service's own messages to bytes.
 
-A turn's payloads are read one by one, then judged together as columns; only a record that fails there is shown to
-the model, which names the fault. Every record of every payload ends in the batch or in exactly one rejection.
+A turn's payloads are read and judged together as columns; only where one is not of the usual form are they read one by
+one, and only a record that fails as a column is shown to the model, which names the fault. Every record of every
+payload ends in the batch or in exactly one rejection.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
-from typing import Any, Final
+from operator import itemgetter
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +36,8 @@ _KEY_COPIED_MAX: Final = 256
 
 _BSM: Final = Layout.of(Bsm)
 _LEADER: Final = Layout.of(Leader)
+
+_RECEIVED_US: Final = itemgetter(Arrival._fields.index("received_us"))
 
 _NOTHING: Final[list[Any]] = []
 """Record of no fields: no model accepts it."""
@@ -103,28 +107,31 @@ class Codec:
     def decode(self, arrivals: Sequence[Arrival]) -> Decoded:
         """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises."""
         opened, rejections = self._open(arrivals)
-        sizes = np.array(opened.sizes, dtype=np.int64)
-        sources = np.repeat(np.array(opened.sources, dtype=np.int64), sizes)
+        sources, owners = np.array(opened.sources, dtype=np.int64), opened.owners
+        if len(opened.records) > len(opened.sizes):
+            sources = np.repeat(sources, opened.sizes)
+            owners = list(chain.from_iterable(map(repeat, owners, opened.sizes)))
         table = _BSM.table(_fitting(opened.records, _BSM))
         ids, good = list(table.cells["id"]), table.good
+        if ids == owners:
+            ids = owners  # strings whose hashes are known
+        else:
+            good[[owner not in (_ANYONE, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
         good[self._not_ids(ids)] = False
         leader_ids, leader_numbers = self._leaders(table.cells["leader"], ids, good)
-        owners = list(chain.from_iterable(map(repeat, opened.owners, opened.sizes)))
-        if ids != owners:
-            good[[owner not in (_ANYONE, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
 
         numbers = table.numbers | leader_numbers
         if not good.all():
-            places = np.arange(sources.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+            places = list(chain.from_iterable(map(range, opened.sizes)))
             for i in np.flatnonzero(~good):
                 fault = _fault_of(opened.records[i]) or _NOT_THE_SENDER
-                rejections.append(Rejection(fault, arrivals[sources[i]], index=int(places[i])))
+                rejections.append(Rejection(fault, arrivals[sources[i]], index=places[i]))
             kept = np.flatnonzero(good)
             sources = sources[kept]
             ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
             numbers = {name: column[kept] for name, column in numbers.items()}
 
-        received_us = np.array([arrival.received_us for arrival in arrivals], dtype=np.int64)
+        received_us = np.fromiter(map(_RECEIVED_US, arrivals), np.int64, len(arrivals))
         batch = Batch(
             ids=ids,
             leader_ids=leader_ids,
@@ -143,12 +150,28 @@ class Codec:
         )
         return Decoded(batch=batch, sources=sources, rejections=rejections)
 
-    def records_in(self, arrival: Arrival) -> int:
-        """Return how many records `decode` would account for; any thread may ask."""
-        opened, rejections = self._open([arrival])
+    def records_in(self, arrivals: Sequence[Arrival]) -> int:
+        """Return how many records `decode` would account for."""
+        opened, rejections = self._open(arrivals)
         return sum(opened.sizes) + sum(rejection.count for rejection in rejections)
 
     def _open(self, arrivals: Sequence[Arrival]) -> tuple[_Opened, list[Rejection]]:
+        opened = self._open_all(arrivals) if arrivals else None
+        return (opened, []) if opened is not None else self._open_each(arrivals)
+
+    def _open_all(self, arrivals: Sequence[Arrival]) -> _Opened | None:
+        """Open all at once, None where that cannot be: a key is new, or a payload not of the usual form."""
+        keys, payloads, encodings, are_puts, _, _ = zip(*arrivals, strict=True)
+        owners = list(map(self._owners.get, keys))
+        if None in owners or not all(are_puts) or max(map(len, payloads)) > self._payload_max_bytes:
+            return None
+        read = self._reader.read_all(payloads, encodings)
+        if read is None:
+            return None
+        records, sizes = read
+        return _Opened(records, list(range(len(arrivals))), sizes, cast(list[str], owners))
+
+    def _open_each(self, arrivals: Sequence[Arrival]) -> tuple[_Opened, list[Rejection]]:
         opened, rejections = _Opened([], [], [], []), list[Rejection]()
         for source, arrival in enumerate(arrivals):
             key, payload, encoding, is_put, received_us, _ = arrival
