@@ -5,9 +5,7 @@ A record that comes out is not yet checked; it is whatever the sender put in its
 """
 
 import json
-from collections.abc import Callable, Sequence
-from functools import partial
-from itertools import chain
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 import msgpack
@@ -47,12 +45,6 @@ class Reader:
     def __init__(self, bundle_max: int) -> None:
         self._bundle_max = bundle_max
         self._array_max = max(bundle_max, len(FIELDS))
-        self._unpack: Callable[[bytes], Any] = partial(
-            msgpack.unpackb,
-            max_array_len=self._array_max,
-            max_map_len=_MAP_MAX,
-            object_pairs_hook=_without_duplicates,
-        )
         self._readers: dict[str, Callable[[bytes, int], Records]] = {
             BSM_MSGPACK: self._read_msgpack,
             BSM_JSON: self._read_json,
@@ -73,33 +65,11 @@ class Reader:
         except (ValueError, RecursionError):
             return Refusal(Fault(Outcome.MALFORMED, f"not {encoding}"))
 
-    def read_all(self, payloads: Sequence[bytes], encodings: Sequence[str]) -> tuple[Records, list[int]] | None:
-        """Return the records of all payloads and how many each holds, where all are of the usual form.
-
-        That is a compact record, or a bundle of such: for these the answer is that of `read` for one after the other.
-        None: at least one payload is something else, or nothing that can be read.
-        """
-        if set(encodings) != {BSM_MSGPACK}:
-            return None
-        unpack = self._unpack
-        try:
-            contents = [unpack(payload) for payload in payloads]
-            heads = {type(content[0]) for content in contents}
-        except (ValueError, RecursionError, TypeError, LookupError):
-            return None
-        if not set(map(type, contents)) <= {list} or dict in heads:
-            return None
-        if list not in heads:
-            return contents, [1] * len(contents)
-        sizes = list(map(len, contents))
-        records = list(chain.from_iterable(contents))
-        if heads != {list} or max(sizes) > self._bundle_max or dict in set(map(type, records)):
-            return None
-        return records, sizes
-
     def _read_msgpack(self, payload: bytes, _received_us: int) -> Records:
         try:
-            content = self._unpack(payload)
+            content = msgpack.unpackb(
+                payload, max_array_len=self._array_max, max_map_len=_MAP_MAX, object_pairs_hook=_without_duplicates
+            )
         except ValueError:
             size = _msgpack_array_size(payload)
             if self._array_max < size <= len(payload):
