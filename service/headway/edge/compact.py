@@ -179,8 +179,8 @@ def _number(buffer: Any, at: int, end: int, limits: Any, word: Any, k: int, i: i
     elif not FLOAT_32 <= first <= INT_64 or (first < UINT_8 and limit.integer):
         return -1
     else:
-        size = 1 << (first & 3) if first >= UINT_8 else 4 << (first & 1)
         size = int(1 << (first & 3) if first >= UINT_8 else 4 << (first & 1))
+        after += size
         if after > end:
             return -1
         bits = np.uint64(0)
