@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: help venv demo test check bench browser format clean
+.PHONY: help venv demo test check bench soak performance browser format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -32,7 +32,15 @@ check: venv  ## lint, format, types, import contracts, deployment (Debian: apt-g
 	$(BIN)/python -m pytest tests/deploy
 
 bench: venv  ## timing, side by side (pytest-benchmark)
-	$(BIN)/python -m pytest tests/bench -m bench --benchmark-only
+	@mkdir -p out
+	$(BIN)/python -m pytest tests/bench -m bench --benchmark-only --benchmark-json=out/bench.json
+	$(BIN)/python tests/bench/table.py out/bench.json
+
+soak: venv  ## ten minutes of rotating identifiers: memory must stay flat
+	$(BIN)/headway loadtest --vehicles 500 --seconds 600 --rotate-s 30 --json
+
+performance: venv  ## load tests from few to many vehicles, and their picture in out/
+	$(BIN)/python tests/bench/sweep.py out
 
 browser: venv  ## the dashboard in a real browser (Debian: apt-get install chromium)
 	@command -v chromium google-chrome >/dev/null || { echo 'make browser needs Chromium: apt-get install chromium'; exit 1; }

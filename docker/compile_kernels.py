@@ -6,6 +6,9 @@ from itertools import product
 from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
 from headway.core.models import MODELS
+from headway.edge.codec import Codec
+from headway_schemas.keys import Keys
 
 for model, delay_s in product(MODELS, sys.argv[1:]):
     Engine(DetectorConfig(model=model, delay_s=float(delay_s))).warm_up()
+Codec(Keys("v2x", "site")).warm_up()

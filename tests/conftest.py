@@ -5,6 +5,9 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
+os.environ["ZENOH_RUNTIME"] = "(rx: (worker_threads: 2))"
+"""Tests hold both ends in one process, and one end that stalls must not keep the other from reading."""
+
 
 @pytest.fixture(scope="session")
 def shared_data() -> Path:

@@ -10,6 +10,7 @@ from headway_loadtest.frames import MSG_CNT_MASK, Frame, Vehicle
 from headway_loadtest.inject import F64, Injected, Kind, Spec, inject
 from headway_loadtest.road import displace
 from headway_loadtest.sources.synthetic import STEP_MS, Fleet, Readings, vehicle_id
+from headway_loadtest.surge import Surge
 
 COHORT = 1000
 
@@ -20,7 +21,7 @@ class FleetFrames:
     The fleet is stepped in cohorts of 1000, each with a window of its own in every step, so that none holds up the
     sending for longer than a fraction of a millisecond. With `burst` everyone sends at the same instant. With
     `rotate_s` each vehicle takes a new identifier that often, at a time of its own. An injection is of sensor kinds.
-    They can be played once.
+    The vehicles of a `surge` come and go by it; they neither lie nor rotate. All can be played once.
     """
 
     def __init__(
@@ -33,37 +34,51 @@ class FleetFrames:
         burst: bool = False,
         rotate_s: float = np.inf,
         step_ms: int = STEP_MS,
+        surge: Surge | None = None,
     ) -> None:
         self._steps = round(1000 * seconds / step_ms)
-        cohorts = -(-vehicles // COHORT)
+        firsts = list(range(0, vehicles, COHORT))
+        surging = [] if surge is None else list(range(vehicles, vehicles + surge.vehicles, COHORT))
+        cohorts = len(firsts) + len(surging)
         bounds = np.zeros(cohorts + 1, int) if burst else np.arange(cohorts + 1) * step_ms // cohorts
-        self._cohorts = [
-            _Cohort(
-                Fleet(
-                    min(COHORT, vehicles - first),
-                    seed,
-                    first=first,
-                    window_ms=(int(bounds[first // COHORT]), int(bounds[first // COHORT + 1])),
-                    step_ms=step_ms,
-                ),
-                first,
-                step_ms,
-                _Lies(np.random.default_rng((seed, first, 1)), min(COHORT, vehicles - first), self._steps, inject),
-                rotate_s,
-            )
-            for first in range(0, vehicles, COHORT)
+        places = np.argsort([*_spread(firsts), *_spread(surging)], kind="stable").argsort()
+        windows = [(int(bounds[place]), int(bounds[place + 1])) for place in places]
+
+        def cohort(first: int, end: int, window_ms: tuple[int, int], steps: range, inject: Spec | None) -> _Cohort:
+            n = min(COHORT, end - first)
+            fleet = Fleet(n, seed, first=first, window_ms=window_ms, step_ms=step_ms)
+            lies = _Lies(np.random.default_rng((seed, first, 1)), n, len(steps), inject)
+            return _Cohort(fleet, first, step_ms, lies, rotate_s if first < vehicles else np.inf, steps)
+
+        made = [
+            cohort(first, vehicles, window_ms, range(self._steps), inject)
+            for first, window_ms in zip(firsts, windows, strict=False)
         ]
+        if surge is not None:
+            steps = range(*(round(1000 * at_s / step_ms) for at_s in (surge.start_s, surge.stop_s)))
+            made += [
+                cohort(first, vehicles + surge.vehicles, window_ms, steps, None)
+                for first, window_ms in zip(surging, windows[len(firsts) :], strict=True)
+            ]
+        self._cohorts = [made[i] for i in np.argsort(places)]
         self.labels: list[Label] = [label for cohort in self._cohorts for label in cohort.labels()]
 
     def __iter__(self) -> Iterator[Frame]:
         for step in range(self._steps):
             for cohort in self._cohorts:
-                yield cohort.frame(step)
+                if step in cohort.steps:
+                    yield cohort.frame(step)
+
+
+def _spread(firsts: list[int]) -> list[float]:
+    """Return places from 0 to 1, evenly apart."""
+    return [(i + 0.5) / len(firsts) for i in range(len(firsts))]
 
 
 class _Cohort:
-    def __init__(self, fleet: Fleet, first: int, step_ms: int, lies: "_Lies", rotate_s: float) -> None:
+    def __init__(self, fleet: Fleet, first: int, step_ms: int, lies: "_Lies", rotate_s: float, steps: range) -> None:
         n = len(fleet.length_m)
+        self.steps = steps
         self._fleet = fleet
         self._first = first
         self._step_ms = step_ms
@@ -74,8 +89,9 @@ class _Cohort:
         self._head_start_s = np.linspace(0.0, rotate_s, n, endpoint=False) if np.isfinite(rotate_s) else np.zeros(n)
 
     def frame(self, step: int) -> Frame:
-        told = self._lies.tell(self._fleet.step(), step)
-        present = self._lies.present(step)
+        since = step - self.steps.start
+        told = self._lies.tell(self._fleet.step(), since)
+        present = self._lies.present(since)
         order = np.argsort(told.t_ms, kind="stable")
         if present is not None:
             order = order[present[order]]
@@ -83,7 +99,7 @@ class _Cohort:
         self._sent[order] += 1
         return Frame(
             entering=self._entering(step),
-            t_us=told.t_ms[order] * 1000,
+            t_us=(told.t_ms[order] + self.steps.start * self._step_ms) * 1000,
             row=order + self._first,
             msg_cnt=msg_cnt,
             lat=told.lat[order],

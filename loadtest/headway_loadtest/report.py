@@ -12,6 +12,7 @@ from headway_loadtest.latency import Percentiles
 from headway_loadtest.ledger import Ledger
 from headway_loadtest.quality import Quality
 from headway_loadtest.run import Outcome
+from headway_loadtest.surge import Surged
 
 GENERATOR_LATE_MS = 5.0
 """A generator that is later than this one time in a hundred says so."""
@@ -38,6 +39,11 @@ class Targets:
     p99_ms: float | None = None
     service_cpu_us: float | None = None
     rss_mb: float | None = None
+    recovered_s: float | None = None
+    """After a surge; what it sheds is then no loss that counts."""
+    surge_p99_ms: float | None = None
+    rss_growth: float | None = None
+    """Share by which memory may grow after the first minute."""
 
 
 def misses(outcome: Outcome, targets: Targets) -> list[str]:
@@ -47,7 +53,11 @@ def misses(outcome: Outcome, targets: Targets) -> list[str]:
         return ["no service reported on this site"]
     ledger, latency = service.ledger, outcome.latency
     p50_ms, p99_ms = (latency.p50, latency.p99) if latency else (None, None)
-    found = [f"{n} messages lost ({reason})" for reason, n in ledger.lost.items()]
+    surged = service.surged
+    shed = () if surged is None else ("shed", "stale")
+    surge_p99_ms = surged.latency.p99 if surged and surged.latency else None
+    recovered_s = surged.recovered_s if surged else None
+    found = [f"{n} messages lost ({reason})" for reason, n in ledger.lost.items() if reason not in shed]
     if ledger.unaccounted:
         found.append(f"{ledger.unaccounted} messages unaccounted")
     for name, actual, target in (
@@ -55,6 +65,9 @@ def misses(outcome: Outcome, targets: Targets) -> list[str]:
         ("p99 ms", p99_ms, targets.p99_ms),
         ("service CPU us per message", service.cpu_us, targets.service_cpu_us),
         ("service memory MB", service.rss_mb, targets.rss_mb),
+        ("memory now by that after a minute", service.rss_ratio, targets.rss_growth and 1.0 + targets.rss_growth),
+        ("p99 ms during the surge", surge_p99_ms, targets.surge_p99_ms),
+        ("seconds from the end of the surge to normal", recovered_s, targets.recovered_s),
     ):
         if target is not None and actual is None:
             found.append(f"{name} is not known")
@@ -90,10 +103,24 @@ def to_json(outcome: Outcome, targets: Targets) -> dict[str, Any]:
         },
         "rss_mb": service and _rounded(service.rss_mb),
         "rss_warm_mb": service and _rounded(service.rss_warm_mb),
+        "rss_minute_mb": service and _rounded(service.rss_minute_mb),
+        "surge": service and service.surged and _surge_json(service.surged),
         "alerts": outcome.alerts,
         "alerts_unread": outcome.unread,
         "detection": detection_json(outcome.quality),
         "slo": {"ok": not failed, "missed": failed, "targets": asdict(targets)},
+    }
+
+
+def _surge_json(surged: Surged) -> dict[str, Any]:
+    return {
+        "vehicles": surged.vehicles,
+        "seconds": surged.seconds,
+        "judged_hz": round(surged.judged_hz, 1),
+        "latency_ms": surged.latency and surged.latency.to_json(),
+        "lost": surged.lost,
+        "normal_p99_ms": _rounded(surged.normal_p99_ms),
+        "recovered_s": _rounded(surged.recovered_s),
     }
 
 
@@ -198,11 +225,21 @@ def _remarks(outcome: Outcome) -> list[str]:
     return [
         f"Processor time per message: service {service_us:.1f} us." if service_us is not None else "",
         f"The first {outcome.warmup_s:g} s are warm-up and not timed." if outcome.warmup_s else "",
+        _surge(outcome.service.surged) if outcome.service and outcome.service.surged else "",
         f"[yellow]The generator itself was late: 99 % within {late.p99:.1f} ms. Times include that.[/]"
         if late is not None and late.p99 > GENERATOR_LATE_MS
         else "",
         f"[yellow]Sending was held up for {outcome.stalled_s:.1f} s in all.[/]" if outcome.stalled_s else "",
     ]
+
+
+def _surge(surged: Surged) -> str:
+    p99 = "unknown" if surged.latency is None else f"{surged.latency.p99:.0f} ms"
+    back = "never back to normal" if surged.recovered_s is None else f"normal {surged.recovered_s:.1f} s after"
+    return (
+        f"A surge of {surged.vehicles} more for {surged.seconds:g} s: {surged.judged_hz:,.0f} a second judged, 99 % "
+        f"within {p99}, {surged.lost:,} shed, {back}. The other times are those before it."
+    )
 
 
 def _duration(seconds: float | None) -> str:

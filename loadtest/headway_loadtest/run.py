@@ -23,6 +23,7 @@ from headway_loadtest.quality import Quality, assess
 from headway_loadtest.replay import Clock, Put, Sent, SystemClock, put_on, send
 from headway_loadtest.schedule import Schedule
 from headway_loadtest.session import Link
+from headway_loadtest.surge import Surge, Surged, assess_surge
 from headway_schemas import Keys, Kind
 
 SERVICE_WAIT_S = 5.0
@@ -30,6 +31,7 @@ LEAD_IN_S = 0.2
 SETTLE_S = 15.0
 QUIET_S = 2.0
 PROGRESS_NS = 100_000_000
+MINUTE_NS = 60_000_000_000
 INTENDED = "intended"
 """The service's stage from a message's event time to its outcome."""
 
@@ -52,13 +54,15 @@ class Plan:
     """How to replay: in real time or `speed` times as fast, one message or up to `bundle` to a payload.
 
     `span_s` is how long the frames last, in event time: it is needed at other speeds than 1, to have the events end at
-    now. The first `warmup_s` seconds count for the ledger, but for no latency and no cost.
+    now. The first `warmup_s` seconds count for the ledger, but for no latency and no cost; nor does a `surge`, which is
+    in the frames, and what comes after it.
     """
 
     speed: float = 1.0
     span_s: float = 0.0
     bundle: int = 1
     warmup_s: float = 0.0
+    surge: Surge | None = None
 
 
 class Progress(NamedTuple):
@@ -81,6 +85,14 @@ class Service:
     """Per record."""
     rss_mb: float | None
     rss_warm_mb: float | None
+    rss_minute_mb: float | None = None
+    """A minute after the start, for what runs longer."""
+    surged: Surged | None = None
+
+    @property
+    def rss_ratio(self) -> float | None:
+        """Memory at the end by that after a minute."""
+        return self.rss_mb / self.rss_minute_mb if self.rss_mb and self.rss_minute_mb else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,7 +251,7 @@ def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:
         last_us=dict(zip(played.ids, sent.last_event_us.tolist(), strict=False)),
         vehicle_hours=sent.vehicle_hours,
     )
-    service = _service(played) if len(reports) > 1 else None
+    service = _service(played, plan.surge) if len(reports) > 1 else None
     return Outcome(
         vehicles=len(played.ids),
         seconds=(played.ended_ns - schedule.start_ns) / 1e9,
@@ -257,20 +269,29 @@ def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:
     )
 
 
-def _service(played: _Run) -> Service:
+def _service(played: _Run, surge: Surge | None) -> Service:
     before, last = played.reports[0], played.reports[-1]
+    started_ns, warm_ns = played.schedule.start_ns, played.warm_ns
+    judged_until_ns = played.ended_ns if surge is None else started_ns + round(surge.start_s * 1e9)
+    told = [report for report in played.reports if report.received_ns <= judged_until_ns] or played.reports
+    timed = last if surge is None else told[-1]
     warm = next((report for report in played.reports if report.received_ns >= played.warm_ns), before)
     if played.warm_ns <= played.schedule.start_ns:
         warm = before
-    busy = [report for report in played.reports if warm.received_ns < report.received_ns <= played.ended_ns]
+    busy = [report for report in told if warm.received_ns < report.received_ns]
+    minute = [report for report in told if report.received_ns >= started_ns + MINUTE_NS]
     sent = played.sent
     return Service(
         instance=last.instance,
         ledger=settle(sent.records, sent.lost, before.counters, last.counters),
-        stages=_stages(warm, last),
+        stages=_stages(warm, timed),
         cpu_us=_cpu_us(warm, busy[-1] if busy else last),
         rss_mb=last.content.get("rss_mb"),
         rss_warm_mb=warm.content.get("rss_mb"),
+        rss_minute_mb=minute[0].content.get("rss_mb") if minute else None,
+        surged=None
+        if surge is None
+        else assess_surge(played.reports, surge, INTENDED, warm_ns=warm_ns, start_ns=started_ns),
     )
 
 

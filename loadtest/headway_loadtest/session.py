@@ -1,8 +1,12 @@
 """A client session on zenoh with explicit endpoints: no scouting, nothing shed in silence."""
 
 import json
+import os
 
 import zenoh
+
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
+"""zenoh takes it from the environment alone: one thread to hear alerts is enough."""
 
 CONNECT_S = 10.0
 BLOCK_S = 60.0

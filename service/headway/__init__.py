@@ -2,16 +2,24 @@
 
 import hashlib
 import os
+from collections.abc import Iterable
 from pathlib import Path
+
+_HERE = Path(__file__).parent
 
 
 def core_digest() -> str:
     """Return twelve hexadecimal digits that differ when any source of the core differs."""
+    return _digest((_HERE / "core").glob("*.py"))
+
+
+def _digest(sources: Iterable[Path]) -> str:
     digest = hashlib.sha256()
-    for source in sorted((Path(__file__).parent / "core").glob("*.py")):
+    for source in sorted(sources):
         digest.update(source.read_bytes())
     return digest.hexdigest()[:12]
 
 
 # numba keys a cached kernel by its own file alone and would go on using one whose callees in other files have changed.
-os.environ.setdefault("NUMBA_CACHE_DIR", str(Path(__file__).parent / "__pycache__" / f"kernels-{core_digest()}"))
+_KERNELS = _digest([*(_HERE / "core").glob("*.py"), _HERE / "edge" / "compact.py"])
+os.environ.setdefault("NUMBA_CACHE_DIR", str(_HERE / "__pycache__" / f"kernels-{_KERNELS}"))

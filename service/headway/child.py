@@ -6,11 +6,13 @@ import socket
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from typing import IO
 
 from headway.errors import UserError
@@ -21,9 +23,37 @@ READY_S = 300.0
 STOP_S = 20.0
 
 
+@dataclass(frozen=True, slots=True)
+class Child:
+    """Where a service that runs is to be reached."""
+
+    endpoint: str
+    """On zenoh."""
+    metrics_url: str
+
+
 @contextmanager
-def running_service(settings: Mapping[str, object]) -> Iterator[str]:
-    """Run `headway serve` on free loopback ports; give its zenoh endpoint once it is ready, stop it at the end.
+def scraping(url: str, every_s: float) -> Iterator[None]:
+    """Read the metrics all the while, as Prometheus would."""
+    done = threading.Event()
+
+    def scrape() -> None:
+        while not done.wait(every_s):
+            with suppress(OSError), urllib.request.urlopen(url, timeout=every_s) as answer:  # noqa: S310
+                answer.read()
+
+    thread = threading.Thread(target=scrape, name="scrape", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+
+
+@contextmanager
+def running_service(settings: Mapping[str, object]) -> Iterator[Child]:
+    """Run `headway serve` on free loopback ports; say where once it is ready, stop it at the end.
 
     `settings` are added to what the environment says.
 
@@ -42,7 +72,7 @@ def running_service(settings: Mapping[str, object]) -> Iterator[str]:
         process = subprocess.Popen(command, env=environment, stderr=words, stdout=subprocess.DEVNULL)  # noqa: S603
         try:
             _wait_until_ready(process, f"http://127.0.0.1:{http}/readyz", words)
-            yield endpoint
+            yield Child(endpoint, f"http://127.0.0.1:{http}/metrics")
         finally:
             process.send_signal(signal.SIGTERM)
             try:

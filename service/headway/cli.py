@@ -109,6 +109,9 @@ def loadtest(
     bundle: Annotated[int, typer.Option(min=1, max=512, help="Records per payload.")] = 1,
     burst: Annotated[bool, typer.Option(help="Everybody sends at the same instant.")] = False,
     rotate_s: Annotated[float, typer.Option(min=1, help="Each vehicle takes a new id this often.")] = float("inf"),
+    surge: Annotated[
+        int, typer.Option(min=0, help="So many vehicles more for those seconds, then the usual ones again.")
+    ] = 0,
     find_limit: Annotated[bool, typer.Option(help="Find the most vehicles that meet the targets.")] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -124,6 +127,7 @@ def loadtest(
         bundle=bundle,
         burst=burst,
         rotate_s=rotate_s,
+        surge=surge,
         as_json=as_json,
     )
     raise typer.Exit(missed)

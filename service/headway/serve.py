@@ -114,6 +114,7 @@ def serve(loaded: Loaded) -> None:
     with _http(settings, metrics, vitals) as http:
         _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
         engine.warm_up()
+        codec.warm_up()
         if keeper is not None:
             keeper.snapshots.load()
         vitals.warm = True

@@ -5,14 +5,14 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from math import ceil, inf
+from math import ceil, inf, isfinite
 from pathlib import Path
 
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from headway.child import running_service
+from headway.child import running_service, scraping
 from headway.errors import UserError
 from headway_loadtest import run as runs
 from headway_loadtest.fleet_frames import FleetFrames
@@ -23,6 +23,7 @@ from headway_loadtest.sample import write_sample
 from headway_loadtest.session import SessionError, connect
 from headway_loadtest.sources import SourceError, parse_sources
 from headway_loadtest.spec import parse_spec
+from headway_loadtest.surge import Surge
 from headway_schemas.keys import Keys
 
 DEMO_SEED = 1
@@ -33,6 +34,7 @@ LOAD_INJECTION = Spec(c=1.0, kinds=ALGORITHM_1, share=0.01)
 NOMINAL_HZ = 10.0
 LOAD_WARMUP_S = 5.0
 FORGET_AFTER_S = 30.0
+SCRAPE_EVERY_S = 1.0
 SPARE_ROWS = 1.2
 
 TARGETS = (
@@ -41,6 +43,10 @@ TARGETS = (
     (8_000, Targets(p50_ms=5.0, p99_ms=15.0, service_cpu_us=11.0)),
 )
 """Single messages: what up to so many vehicles at 10 Hz must meet on two cores, the generator included."""
+SURGE_LEAD_S, SURGE_AFTER_S = 10.0, 10.0
+"""Of the usual load, before a surge and after it."""
+SURGE_TARGETS = Targets(surge_p99_ms=2_000.0, recovered_s=5.0)
+SOAK_TARGETS = Targets(rss_growth=0.05)
 BUNDLE_TARGETS = Targets(p50_ms=5.0, p99_ms=20.0, service_cpu_us=5.0, rss_mb=600.0)
 
 LIMIT_START, LIMIT_STEP_SHARE, LIMIT_SECONDS = 500, 0.05, 15.0
@@ -75,8 +81,8 @@ def demo(*, pairs: int, seconds: float, as_json: bool) -> None:
         frames = SceneFrames(source, seed=DEMO_SEED, inject=DEMO_INJECTION)
         console.print("Starting the service (its first start compiles the filters, which takes a minute).")
         with (
-            running_service({"site": "demo"}) as endpoint,
-            connect(endpoint) as session,
+            running_service({"site": "demo"}) as service,
+            connect(service.endpoint) as session,
             _progress("driving", seconds, console) as tell,
         ):
             outcome = runs.run(session, frames, Keys("v2x", "demo"), runs.Plan(), on_progress=tell)
@@ -87,11 +93,19 @@ def demo(*, pairs: int, seconds: float, as_json: bool) -> None:
 
 
 def loadtest(
-    *, vehicles: int, seconds: float, rate_hz: float, bundle: int, burst: bool, rotate_s: float, as_json: bool
+    *,
+    vehicles: int,
+    seconds: float,
+    rate_hz: float,
+    bundle: int,
+    burst: bool,
+    rotate_s: float,
+    surge: int,
+    as_json: bool,
 ) -> int:
     """Measure one load against the targets for its size; return 1 when one is missed, else 0."""
     console = Console(stderr=as_json)
-    load = Load(vehicles, seconds, rate_hz, bundle, burst, rotate_s)
+    load = Load(vehicles, seconds, rate_hz, bundle, burst, rotate_s, surge)
     outcome, targets = _carry(load, console), targets_for(load)
     if as_json:
         typer.echo(json.dumps(to_json(outcome, targets)))
@@ -136,10 +150,16 @@ class Load:
     bundle: int = 1
     burst: bool = False
     rotate_s: float = inf
+    surge: int = 0
+    """So many vehicles more for `seconds`, with the usual load before and after."""
 
 
 def targets_for(load: Load) -> Targets:
     """Return what the service must meet under a load, by its messages a second."""
+    if load.surge:
+        return SURGE_TARGETS
+    if isfinite(load.rotate_s):
+        return SOAK_TARGETS
     if load.bundle > 1:
         return BUNDLE_TARGETS
     nominal = load.vehicles * load.rate_hz / NOMINAL_HZ
@@ -148,9 +168,12 @@ def targets_for(load: Load) -> Targets:
 
 def _carry(load: Load, console: Console) -> runs.Outcome:
     """Run the service in a process of its own under a load."""
-    capacity = max(1_000, ceil(SPARE_ROWS * load.vehicles * (1 + FORGET_AFTER_S / load.rotate_s)))
+    capacity = max(1_000, ceil(SPARE_ROWS * load.vehicles * (1 + FORGET_AFTER_S / load.rotate_s)) + load.surge)
     settings = {"site": "load", "vehicle_capacity": capacity, "forget_after_s": FORGET_AFTER_S}
-    total_s = load.seconds + LOAD_WARMUP_S
+    surge, total_s = None, load.seconds + LOAD_WARMUP_S
+    if load.surge:
+        surge = Surge(vehicles=load.surge, start_s=LOAD_WARMUP_S + SURGE_LEAD_S, seconds=load.seconds)
+        total_s = surge.stop_s + SURGE_AFTER_S
     frames = FleetFrames(
         load.vehicles,
         total_s,
@@ -158,12 +181,15 @@ def _carry(load: Load, console: Console) -> runs.Outcome:
         burst=load.burst,
         rotate_s=load.rotate_s,
         step_ms=round(1000 / load.rate_hz),
+        surge=surge,
     )
-    plan = runs.Plan(bundle=load.bundle, warmup_s=LOAD_WARMUP_S)
+    plan = runs.Plan(bundle=load.bundle, warmup_s=LOAD_WARMUP_S, surge=surge)
     with (
         _told_in_one_line(),
-        running_service(settings) as endpoint,
-        connect(endpoint) as session,
+        tempfile.TemporaryDirectory() as state,
+        running_service({**settings, "state_dir": state}) as service,
+        scraping(service.metrics_url, SCRAPE_EVERY_S),
+        connect(service.endpoint) as session,
         _progress(f"{load.vehicles} vehicles", total_s, console) as tell,
     ):
         return runs.run(session, frames, Keys("v2x", "load"), plan, on_progress=tell)

@@ -33,5 +33,6 @@ def test_decode_500_records(benchmark: BenchmarkFixture, form: str) -> None:
         arrivals = [arrival(str(record[1]), dict(zip(FIELDS, record[:-1], strict=False))) for record in RECORDS]
     else:
         arrivals = [arrival("gw-1", RECORDS[i : i + 25]) for i in range(0, len(RECORDS), 25)]
+    benchmark.extra_info["readings"] = len(RECORDS)
     decoded = benchmark(Codec(KEYS).decode, arrivals)
     assert len(decoded.batch) == len(RECORDS)

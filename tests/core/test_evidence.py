@@ -4,7 +4,7 @@ import pytest
 from headway.core import bank as banks
 from headway.core import models
 from headway.core.config import DetectorConfig
-from headway.core.evidence import EvidenceStore
+from headway.core.evidence import EvidenceStore, remember
 
 SEED = 20
 ROWS = np.array([0])
@@ -21,7 +21,7 @@ def test_replayed_evidence_gives_the_same_verdict_bit_for_bit(count: int) -> Non
         reading = banks.readings(1)
         reading["t_s"], reading["x_m"], reading["v_mps"] = 1e9 + 0.1 * k, 2.0 * k + rng.normal(), 20 + rng.normal()
         verdict = banks.verdicts(1)
-        store.remember(bank, ROWS, reading, np.array([k]))
+        remember(store.memory, bank, ROWS, reading, np.array([k]))
         model.step_batch(bank, ROWS, reading, model.params, verdict)
 
     evidence = store.of(0)

@@ -104,7 +104,7 @@ def test_every_reason_for_not_telling_is_explained() -> None:
         instance="i", mode="peer", connect=(), listen=(), options=None,
         connect_timeout_s=1.0, block_timeout_s=1.0, alert_limit=1,
     )  # fmt: skip
-    bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), Inbox(1, 1, 1, lambda _: 1))
+    bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), Inbox(1, 1, 1, len))
     dropped = set(bus.dropped)
     bus.close()
     assert set(names("What is not told")) == dropped | {"rejected_copy_rate"}

@@ -236,7 +236,7 @@ def test_senders_that_rotate_their_ids_do_not_fill_the_memory(monkeypatch: pytes
 def test_what_is_never_decoded_counts_as_much_as_if_it_were(content: object, count: int, encoding: str) -> None:
     message = arrival(content, encoding=encoding)
     decoded = decode(message)
-    assert Codec(KEYS).records_in(message) == count
+    assert Codec(KEYS).records_in([message]) == count
     assert len(decoded.batch) + sum(rejection.count for rejection in decoded.rejections) == count
 
 

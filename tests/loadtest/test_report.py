@@ -67,7 +67,9 @@ def test_json_of_a_run_that_nobody_heard():
     assert found["slo"] == {
         "ok": False,
         "missed": ["no service reported on this site"],
-        "targets": {"p50_ms": None, "p99_ms": None, "service_cpu_us": None, "rss_mb": None},
+        "targets": dict.fromkeys(
+            ("p50_ms", "p99_ms", "service_cpu_us", "rss_mb", "recovered_s", "surge_p99_ms", "rss_growth")
+        ),
     }
 
 

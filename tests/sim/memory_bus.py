@@ -38,7 +38,7 @@ class MemoryBus:
         self.delivered = True
 
     def deliver(self, arrival: Arrival) -> None:
-        self._inbox.put(arrival)
+        self._inbox.put([arrival])
 
     @property
     def received(self) -> int:

@@ -12,15 +12,15 @@ from headway.core.batch import I64, Batch
 from headway.core.config import DetectorConfig
 from headway.core.events import EventLog
 from headway.core.evidence import EvidenceStore
-from headway.core.gather import gather
 from headway.core.judges import judges
-from headway.core.link import LINK_VERDICT, link_said, standing, step_links
+from headway.core.link import link_said
 from headway.core.order import refuse_by_age, waves
 from headway.core.outcome import Outcome
 from headway.core.records import Records
 from headway.core.snapshot import Snapshot
 from headway.core.turn import AnomalyEvent, PairStates, Turn
 from headway.core.vehicles import VehicleTable
+from headway.core.wave import Columns, Concluded, Entered, Limits, Tables, columns, conclude, enter
 
 _SCORED = np.uint8(Outcome.SCORED)
 """As numpy's own number it is compared ten times faster."""
@@ -68,6 +68,28 @@ class Engine:
         self._renamed_us = np.zeros(capacity, np.int64)
         self._deaf_until_us = 0
         self._kept_house_us = 0
+        self._filters = self._bank["model"]
+        self._wave_tables = Tables(
+            tracks=self._tracks,
+            pairing=self._pairing,
+            grid=self._grid,
+            bank=self._bank,
+            bank_bytes=self._bank.view(np.uint8).reshape(capacity, -1),
+            links=self._bank["link"],
+            newest=self._verdicts,
+            judged_t_s=self._judged_t_s,
+            memory=self._evidence.memory,
+            filter_active=self._events.active,
+            link_active=self._link_events.active,
+            miss_active=self._misses.active,
+        )
+        self._limits = Limits(
+            config.max_gap_s,
+            config.pairing_range_m,
+            config.lane_width_m,
+            config.miss_after_s,
+            config.warming_readings,
+        )
 
     @property
     def vehicles(self) -> int:
@@ -97,10 +119,11 @@ class Engine:
             rows = self._rows(batch, outcomes)
             declared = self._declared(batch)
             self._ear.hear(batch.received_us)
+            numbers = columns(batch)
             order, nth, count = waves(rows, batch.t_us, outcomes, self._seen)
             for n in range(count):
                 wave = order if count == 1 else order[nth == n]
-                self._wave(batch, rows, declared, wave, now_us, outcomes, tally)
+                self._wave(numbers, rows, declared, wave, now_us, outcomes, tally)
         if now_us - self._kept_house_us >= HOUSEKEEPING_US:
             self._kept_house_us = now_us
             self._keep_house(now_us, tally)
@@ -141,7 +164,7 @@ class Engine:
 
     def _wave(
         self,
-        batch: Batch,
+        batch: Columns,
         all_rows: I64,
         declared: I64,
         wave: I64,
@@ -153,100 +176,34 @@ class Engine:
 
         `wave` are their places in the batch and in `all_rows`, `declared` and `outcomes`, which are of all of it.
         """
-        rows = all_rows[wave]
-        heard_us, before_us = self._tracks["received_us"][rows], self._tracks["t_us"][rows]
-        outcome = np.empty(rows.size, np.uint8)
-        x_m, missed, began = np.empty(rows.size), np.empty(rows.size, np.int64), np.empty(rows.size, np.bool_)
-        tracks.advance(
-            self._tracks,
-            rows,
-            batch.t_us[wave],
-            batch.received_us[wave],
-            batch.msg_cnt[wave],
-            batch.lat_deg[wave],
-            batch.lon_deg[wave],
-            batch.speed_mps[wave],
-            batch.heading_deg[wave],
-            batch.accuracy_m[wave],
-            batch.length_m[wave],
-            self._config.max_gap_s,
-            outcome,
-            x_m,
-            missed,
-            began,
-        )
-        if began.any():
-            self._wipe(rows[began])
-        tally.missed_messages += int(missed.sum())
-        ok = outcome == _SCORED
-        if not ok.all():
-            outcomes[wave] = outcome
-            wave, rows, before_us, heard_us, outcome = wave[ok], rows[ok], before_us[ok], heard_us[ok], outcome[ok]
+        limits = self._limits
+        entered = enter(self._wave_tables, batch, all_rows, declared, wave, limits.max_gap_s, outcomes)
+        verdicts = banks.verdicts(entered.rows.size)
+        self._model.step_batch(self._filters, entered.rows, entered.readings, self._model.params, verdicts)
+        done = conclude(self._wave_tables, entered, declared, verdicts, now_us, limits, self._link_params, outcomes)
+        tally.missed_messages += entered.missed
+        tally.leader_changes += done.leader_changes
+        tally.nis.append(done.nis)
+        tally.anomalous += done.settled.anomalous
+        tally.repairs += done.settled.repairs
+        tally.restarts += done.settled.restarts
+        if done.settled.marks:
+            self._tell(batch, entered, verdicts, done, tally)
 
-        readings, leaders = banks.readings(rows.size), np.empty(rows.size, np.int64)
-        gather(
-            self._tracks,
-            self._pairing,
-            self._judged_t_s,
-            self._verdicts,
-            rows,
-            declared,
-            wave,
-            batch.range_m,
-            batch.range_rate_mps,
-            readings,
-            leaders,
-        )
-        verdicts, links = banks.verdicts(rows.size), np.zeros(rows.size, LINK_VERDICT)
-        self._evidence.remember(self._bank, rows, readings, leaders)
-        self._model.step_batch(self._bank["model"], rows, readings, self._model.params, verdicts)
-        located = np.empty(rows.size, np.bool_)
-        settle.keep(rows, readings, verdicts, self._verdicts, self._judged_t_s, located)
-        tracks.leave_crumb(self._tracks, rows, located, verdicts["v_mps"])
-        tally.leader_changes += pairing.look(
-            self._tracks,
-            self._pairing,
-            self._grid,
-            rows,
-            declared[wave],
-            now_us,
-            self._config.pairing_range_m,
-            self._config.lane_width_m,
-            np.empty(rows.size, np.bool_),
-        )
-
-        step_links(self._bank["link"], rows, leaders, standing(readings, verdicts), self._link_params, links)
-        t_us, received_us = batch.t_us[wave], batch.received_us[wave]
-        marks = np.empty(rows.size, np.uint8)
-        settled = settle.settle(
-            self._tracks,
-            rows,
-            verdicts,
-            links,
-            t_us - before_us,
-            self._config.miss_after_s,
-            self._config.warming_readings,
-            self._events.active,
-            self._link_events.active,
-            self._misses.active,
-            outcome,
-            marks,
-        )
-        outcomes[wave] = outcome
-        tally.nis.append(verdicts["nis"][outcome == _SCORED])
-        tally.anomalous += settled.anomalous
-        tally.repairs += settled.repairs
-        tally.restarts += settled.restarts
-        if settled.marks & settle.FILTER:
-            at = np.flatnonzero(marks & settle.FILTER)
+    def _tell(self, batch: Columns, entered: Entered, verdicts: Records, done: Concluded, tally: _Tally) -> None:
+        """Show the logs of events what they have to look at."""
+        rows, leaders = entered.rows, entered.leaders
+        t_us, received_us = batch.t_us[entered.places], batch.received_us[entered.places]
+        if done.settled.marks & settle.FILTER:
+            at = np.flatnonzero(done.marks & settle.FILTER)
             row = rows[at]
             tally.events += self._events.judge(row, row, leaders[at], t_us[at], received_us[at], verdicts[at])
-        if settled.marks & settle.LINK:
-            at = np.flatnonzero(marks & settle.LINK)
-            self._judge_links(rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], links[at], tally)
-        if settled.marks & settle.BACK:
-            at = np.flatnonzero(marks & settle.BACK)
-            self._heard_again(rows[at], leaders[at], heard_us[at], t_us[at], received_us[at], tally)
+        if done.settled.marks & settle.LINK:
+            at = np.flatnonzero(done.marks & settle.LINK)
+            self._judge_links(rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], done.links[at], tally)
+        if done.settled.marks & settle.BACK:
+            at = np.flatnonzero(done.marks & settle.BACK)
+            self._heard_again(rows[at], leaders[at], entered.heard_us[at], t_us[at], received_us[at], tally)
 
     def _judge_links(
         self, rows: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records, links: Records, tally: _Tally

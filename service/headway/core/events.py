@@ -62,10 +62,13 @@ class EventLog:
         `suspects` are the rows to blame, each the row itself or its leader; `leaders` is -1 for none.
         """
         concerned = np.flatnonzero(verdicts["anomalous"] | self.active[rows])
+        whom = zip(
+            *(column[concerned].tolist() for column in (rows, suspects, leaders, t_us, received_us)), strict=True
+        )
+        what = zip(*(verdicts[name][concerned].tolist() for name in ("anomalous", "kind", "sensor")), strict=True)
         said = []
-        for i in concerned:
-            of = _Of(*(int(column[i]) for column in (rows, suspects, leaders, t_us, received_us)))
-            phase = self._advance(of, verdicts[i])
+        for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Of._make, whom), what, strict=True):
+            phase = self._advance(of, kind, sensor, anomalous=anomalous)
             if phase is not None:
                 said.append(self._state(phase, of, verdicts[i]))
             if phase is Phase.CLEARED:
@@ -90,24 +93,21 @@ class EventLog:
             )
             self.active[event.row] = True
 
-    def _advance(self, of: _Of, verdict: np.void) -> Phase | None:
+    def _advance(self, of: _Of, kind: int, sensor: int, *, anomalous: bool) -> Phase | None:
         row, t_us = of.row, of.t_us
         event = self._open.get(row)
         if event is None:
             vehicle = self._vehicles.id_of[row]
-            self._open[row] = _Open(
-                f"{vehicle}-{t_us}{self._suffix}", Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"])), t_us
-            )
+            self._open[row] = _Open(f"{vehicle}-{t_us}{self._suffix}", Kind(kind), Sensor(sensor), t_us)
             self.active[row] = True
             return Phase.ONSET
-        if not verdict["anomalous"]:
+        if not anomalous:
             event.quiet += 1
             return Phase.CLEARED if event.quiet >= CLEAR_AFTER_READINGS else None
         event.quiet = 0
-        kind, sensor = Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"]))
         if (kind, sensor) == (event.kind, event.sensor) and t_us - event.stated_us < UPDATE_EVERY_US:
             return None
-        event.kind, event.sensor, event.stated_us = kind, sensor, t_us
+        event.kind, event.sensor, event.stated_us = Kind(kind), Sensor(sensor), t_us
         return Phase.UPDATE
 
     def _state(self, phase: Phase, of: _Of, verdict: np.void) -> AnomalyEvent:

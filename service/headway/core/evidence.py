@@ -4,7 +4,7 @@ Every half ring the bank row is copied before it steps; the older of the two cop
 verdict in between, bit for bit, through the same kernel.
 """
 
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,20 +14,32 @@ from headway.core.records import READING, Records
 from headway.core.turn import Evidence
 
 
+class Memory(NamedTuple):
+    """Of each of C rows the last R readings in a ring, with the leader at each, and two checkpoints."""
+
+    readings: Records
+    """(C, R)"""
+    leaders: I64
+    """(C, R)"""
+    checkpoints: Records
+    """(C, 2)"""
+    counts: I64
+    """(C,) readings so far."""
+
+
 @njit(cache=True)
-def _remember(
-    bank: Any, rows: Any, readings: Any, leaders: Any, ring: Any, leader_ring: Any, checkpoints: Any, counts: Any
-) -> None:
-    size = ring.shape[1]
+def remember(memory: Memory, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
+    """Take in the readings that `rows` (B,) are about to be judged by, and whom they follow; call before any steps."""
+    size = memory.readings.shape[1]
     half = size // 2
     for i in range(rows.size):
         row = rows[i]
-        count = counts[row]
+        count = memory.counts[row]
         if count % half == 0:
-            checkpoints[row, (count // half) % 2] = bank[row]
-        ring[row, count % size] = readings[i]
-        leader_ring[row, count % size] = leaders[i]
-        counts[row] = count + 1
+            memory.checkpoints[row, (count // half) % 2] = bank[row]
+        memory.readings[row, count % size] = readings[i]
+        memory.leaders[row, count % size] = leaders[i]
+        memory.counts[row] = count + 1
 
 
 class EvidenceStore:
@@ -36,29 +48,28 @@ class EvidenceStore:
     def __init__(self, bank: Records, readings: int) -> None:
         if readings < 2 or readings % 2:
             raise ValueError(f"evidence needs an even number of readings, at least 2: got {readings}")
-        self._ring: Records = np.zeros((bank.size, readings), READING)
-        self._leaders: I64 = np.zeros((bank.size, readings), np.int64)
-        self._checkpoints: Records = np.zeros((bank.size, 2), bank.dtype)
-        self._counts: I64 = np.zeros(bank.size, np.int64)
-
-    def remember(self, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
-        """Take in the readings that `rows` are about to be judged by, and whom they follow; call before any steps."""
-        _remember(bank, rows, readings, leaders, self._ring, self._leaders, self._checkpoints, self._counts)
+        self.memory = Memory(
+            np.zeros((bank.size, readings), READING),
+            np.zeros((bank.size, readings), np.int64),
+            np.zeros((bank.size, 2), bank.dtype),
+            np.zeros(bank.size, np.int64),
+        )
 
     def of(self, row: int) -> Evidence:
         """Return what replays the newest verdict of a row."""
-        count, size = int(self._counts[row]), self._ring.shape[1]
+        memory = self.memory
+        count, size = int(memory.counts[row]), memory.readings.shape[1]
         half = size // 2
         first = max(0, (count - 1) // half - 1) * half
         places = np.arange(first, count) % size
         # As bytes: numpy would copy a record field by field.
-        checkpoint = self._checkpoints.view(np.uint8).reshape(self._counts.size, 2, -1)[row, (first // half) % 2]
+        checkpoint = memory.checkpoints.view(np.uint8).reshape(memory.counts.size, 2, -1)[row, (first // half) % 2]
         return Evidence(
-            checkpoint=checkpoint.copy().view(self._checkpoints.dtype)[0],
-            readings=self._ring[row, places],
-            leaders=self._leaders[row, places],
+            checkpoint=checkpoint.copy().view(memory.checkpoints.dtype)[0],
+            readings=memory.readings[row, places],
+            leaders=memory.leaders[row, places],
         )
 
     def forget(self, rows: I64) -> None:
         """Drop everything about `rows`: their banks were changed by something else than readings."""
-        self._counts[rows] = 0
+        self.memory.counts[rows] = 0

@@ -6,6 +6,7 @@ before this wave, so that the order of vehicles within a wave is of no account.
 
 from typing import Any
 
+import numpy as np
 from numba import njit
 
 from headway.core.batch import F64, I64
@@ -38,6 +39,7 @@ def gather(
     """
     for i in range(rows.size):
         track, z = tracks[rows[i]], out_readings[i]
+        z.leader_t_s = z.leader_x_m = z.leader_v_mps = z.leader_length_m = z.range_m = z.range_rate_mps = np.nan
         z.t_s = 1e-6 * track.t_us
         z.x_m = track.x_m
         z.v_mps = track.v_mps

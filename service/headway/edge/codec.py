@@ -1,13 +1,15 @@
 """Bytes to core columns, and the service's own messages to bytes.
 
-A turn's payloads are read one by one, then judged together as columns; only a record that fails there is shown to
-the model, which names the fault. Every record of every payload ends in the batch or in exactly one rejection.
+A turn's payloads that are all of the usual form are read in one compiled pass (`compact`). Otherwise they are read one
+by one, then judged together as columns; only a record that fails there is shown to the model, which names the fault.
+Every record of every payload ends in the batch or in exactly one rejection.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
-from typing import Any, Final
+from operator import itemgetter
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +18,12 @@ from pydantic_core import ErrorDetails
 
 from headway.core.batch import F64, I64, Batch
 from headway.core.outcome import Outcome
+from headway.edge import compact
 from headway.edge.arrival import Arrival, Fault, Rejection
 from headway.edge.columns import Layout
 from headway.edge.payload import Reader, Refusal, fault_of_shape
 from headway_schemas.bsm import Bsm, Leader, from_record
+from headway_schemas.encodings import BSM_MSGPACK
 from headway_schemas.fields import Message
 from headway_schemas.keys import Keys, has_wildcard, is_gateway, is_id
 from headway_schemas.state import RejectedCopy
@@ -34,6 +38,9 @@ _KEY_COPIED_MAX: Final = 256
 
 _BSM: Final = Layout.of(Bsm)
 _LEADER: Final = Layout.of(Leader)
+
+_PAYLOAD: Final = itemgetter(Arrival._fields.index("payload"))
+_RECEIVED_US: Final = itemgetter(Arrival._fields.index("received_us"))
 
 _NOTHING: Final[list[Any]] = []
 """Record of no fields: no model accepts it."""
@@ -96,12 +103,72 @@ class Codec:
     def __init__(self, keys: Keys, *, payload_max_bytes: int = 65_536, bundle_max: int = 512) -> None:
         self._keys = keys
         self._payload_max_bytes = payload_max_bytes
+        self._bundle_max = bundle_max
         self._reader = Reader(bundle_max)
         self._owners: dict[str, str] = {}
         self._ids: set[str] = set()
+        self._spelt: dict[bytes, str] = {}
 
     def decode(self, arrivals: Sequence[Arrival]) -> Decoded:
         """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises."""
+        return self._decode_usual(arrivals) or self._decode_any(arrivals)
+
+    def warm_up(self) -> None:
+        """Compile or load what reads the usual form."""
+        compact.read(b"", np.empty(0, np.int64), self._bundle_max)
+
+    def _decode_usual(self, arrivals: Sequence[Arrival]) -> Decoded | None:
+        """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
+        payloads, owners = self._payloads_of_known(arrivals)
+        read = compact.read(payloads, _sizes(arrivals), self._bundle_max) if owners else None
+        if read is None:
+            return None
+        sources = np.arange(len(arrivals))
+        if len(read.ids) > len(arrivals):
+            sources = np.repeat(sources, read.sizes)
+            owners = list(chain.from_iterable(map(repeat, owners, read.sizes.tolist())))
+        ids = self._names(payloads, read.ids)
+        if ids is None or not (ids == owners or all(map(_may_send, owners, ids))):
+            return None
+        leader_ids: list[str | None] = [None] * len(ids)
+        declaring = np.flatnonzero(read.leader_ids[:, 1])
+        if declaring.size:
+            names = self._names(payloads, read.leader_ids[declaring])
+            if names is None:
+                return None
+            for i, name in zip(declaring.tolist(), names, strict=True):
+                if name == ids[i]:
+                    return None
+                leader_ids[i] = name
+        numbers = dict(zip(compact.NAMES, read.numbers, strict=True))
+        return Decoded(_batch(ids, leader_ids, numbers, arrivals, sources), sources, [])
+
+    def _payloads_of_known(self, arrivals: Sequence[Arrival]) -> tuple[bytes, list[str]]:
+        """Return the payloads end to end and the owner of each key; no owners where there is more to say of one."""
+        if not arrivals:
+            return b"", []
+        keys, payloads, encodings, are_puts, _, _ = zip(*arrivals, strict=True)
+        owners = list(map(self._owners.get, keys))
+        usual = set(encodings) == {BSM_MSGPACK} and all(are_puts) and None not in owners
+        if not usual or max(map(len, payloads)) > self._payload_max_bytes:
+            return b"", []
+        return b"".join(payloads), cast(list[str], owners)
+
+    def _names(self, payloads: bytes, spans: I64) -> list[str] | None:
+        """Return the identifiers that lie at `spans` (B, 2); None where one is none."""
+        spelt = [payloads[start:stop] for start, stop in spans.tolist()]
+        names = list(map(self._spelt.get, spelt))
+        if None in names:
+            for i in [i for i, name in enumerate(names) if name is None]:
+                name = spelt[i].decode("ascii", "replace")
+                if not is_id(name):
+                    return None
+                if len(self._spelt) >= _REMEMBERED_MAX:
+                    self._spelt.clear()
+                names[i] = self._spelt.setdefault(spelt[i], name)
+        return cast(list[str], names)
+
+    def _decode_any(self, arrivals: Sequence[Arrival]) -> Decoded:
         opened, rejections = self._open(arrivals)
         sizes = np.array(opened.sizes, dtype=np.int64)
         sources = np.repeat(np.array(opened.sources, dtype=np.int64), sizes)
@@ -111,7 +178,7 @@ class Codec:
         leader_ids, leader_numbers = self._leaders(table.cells["leader"], ids, good)
         owners = list(chain.from_iterable(map(repeat, opened.owners, opened.sizes)))
         if ids != owners:
-            good[[owner not in (_ANYONE, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
+            good[[not _may_send(owner, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
 
         numbers = table.numbers | leader_numbers
         if not good.all():
@@ -123,29 +190,15 @@ class Codec:
             sources = sources[kept]
             ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
             numbers = {name: column[kept] for name, column in numbers.items()}
+        return Decoded(_batch(ids, leader_ids, numbers, arrivals, sources), sources, rejections)
 
-        received_us = np.array([arrival.received_us for arrival in arrivals], dtype=np.int64)
-        batch = Batch(
-            ids=ids,
-            leader_ids=leader_ids,
-            msg_cnt=numbers["msg_cnt"].astype(np.int64),
-            t_us=numbers["t_us"].astype(np.int64),
-            received_us=received_us[sources],
-            lat_deg=numbers["lat"],
-            lon_deg=numbers["lon"],
-            speed_mps=numbers["speed_mps"],
-            heading_deg=numbers["heading_deg"],
-            accel_mps2=numbers["accel_mps2"],
-            accuracy_m=numbers["accuracy_m"],
-            length_m=numbers["length_m"],
-            range_m=numbers["range_m"],
-            range_rate_mps=numbers["range_rate_mps"],
-        )
-        return Decoded(batch=batch, sources=sources, rejections=rejections)
-
-    def records_in(self, arrival: Arrival) -> int:
-        """Return how many records `decode` would account for; any thread may ask."""
-        opened, rejections = self._open([arrival])
+    def records_in(self, arrivals: Sequence[Arrival]) -> int:
+        """Return how many records `decode` would account for."""
+        payloads, owners = self._payloads_of_known(arrivals)
+        read = compact.read(payloads, _sizes(arrivals), self._bundle_max) if owners else None
+        if read is not None:
+            return len(read.ids)
+        opened, rejections = self._open(arrivals)
         return sum(opened.sizes) + sum(rejection.count for rejection in rejections)
 
     def _open(self, arrivals: Sequence[Arrival]) -> tuple[_Opened, list[Rejection]]:
@@ -223,6 +276,38 @@ class Codec:
         ] = False
         good &= table.good
         return leader_ids, table.numbers
+
+
+def _batch(
+    ids: list[str], leader_ids: list[str | None], numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64
+) -> Batch:
+    received_us = np.fromiter(map(_RECEIVED_US, arrivals), np.int64, len(arrivals))
+    return Batch(
+        ids=ids,
+        leader_ids=leader_ids,
+        msg_cnt=numbers["msg_cnt"].astype(np.int64),
+        t_us=numbers["t_us"].astype(np.int64),
+        received_us=received_us[sources],
+        lat_deg=numbers["lat"],
+        lon_deg=numbers["lon"],
+        speed_mps=numbers["speed_mps"],
+        heading_deg=numbers["heading_deg"],
+        accel_mps2=numbers["accel_mps2"],
+        accuracy_m=numbers["accuracy_m"],
+        length_m=numbers["length_m"],
+        range_m=numbers["range_m"],
+        range_rate_mps=numbers["range_rate_mps"],
+    )
+
+
+def _may_send(owner: str, sender: Any) -> bool:
+    """Whether a key of this owner may carry a record of this sender."""
+    return owner in (_ANYONE, sender)
+
+
+def _sizes(arrivals: Sequence[Arrival]) -> I64:
+    """Return bytes of each payload."""
+    return np.fromiter(map(len, map(_PAYLOAD, arrivals)), np.int64, len(arrivals))
 
 
 def encode(message: Message) -> bytes:

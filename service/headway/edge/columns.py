@@ -73,9 +73,7 @@ class Layout:
         columns: list[tuple[Any, ...]] = list(zip_longest(*records))
         columns += [(None,) * len(records)] * (len(self.fields) - len(columns))
         cells: dict[str, Sequence[Any]] = dict(zip(self.fields, columns, strict=True))
-        values = np.empty((len(self.kinds), len(records)))
-        for row, (name, kinds) in zip(values, self.kinds.items(), strict=True):
-            row[:] = _numbers(cells.pop(name), kinds)
+        values = self._values([cells.pop(name) for name in self.kinds])
         within = ((values >= self.low) & (values <= self.high)) | (np.isnan(values) & self.nullable)
         return Table(
             cells=cells,
@@ -83,21 +81,30 @@ class Layout:
             good=np.logical_and.reduce(within),
         )
 
-
-def _numbers(column: Sequence[Any], kinds: frozenset[type]) -> F64 | float:
-    found = set(map(type, column))
-    if found == {_ABSENT}:
-        return math.nan
-    if found <= kinds:
-        try:
-            numbers = np.array(column, dtype=np.float64)
-        except OverflowError:
-            pass
-        else:
-            nulls = column.count(None) if _ABSENT in found else 0
-            if np.count_nonzero(np.isnan(numbers)) == nulls:
-                return numbers
-    return np.array([_number(value, kinds) for value in column])
+    def _values(self, columns: Sequence[Sequence[Any]]) -> F64:
+        """Return (K, B) numbers: at once where each is of a type that it may have, else one by one."""
+        found = [set(map(type, column)) for column in columns]
+        if all(map(frozenset.issuperset, self.kinds.values(), found)):
+            told = [i for i, types in enumerate(found) if types != {_ABSENT}]
+            values = np.full((len(columns), len(columns[0])), np.nan)
+            if not told:
+                return values
+            try:
+                values[told] = np.array([columns[i] for i in told], dtype=np.float64)
+            except OverflowError:
+                pass
+            else:
+                nulls = sum(
+                    column.count(None) for column, types in zip(columns, found, strict=True) if _ABSENT in types
+                )
+                if np.count_nonzero(np.isnan(values)) == nulls:
+                    return values
+        return np.array(
+            [
+                [_number(value, kinds) for value in column]
+                for column, kinds in zip(columns, self.kinds.values(), strict=True)
+            ]
+        )
 
 
 def _number(value: Any, kinds: frozenset[type]) -> float:

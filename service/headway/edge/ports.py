@@ -46,12 +46,12 @@ class Bus(Protocol):
 
     @property
     def received(self) -> int:
-        """Messages delivered so far; each is waiting, drained or shed."""
+        """Messages taken in so far; each is waiting, drained or shed."""
         ...
 
     @property
     def waiting(self) -> int:
-        """Messages delivered and neither drained nor shed."""
+        """Messages taken in and neither drained nor shed."""
         ...
 
     @property
@@ -89,7 +89,7 @@ class Bus(Protocol):
         ...
 
     def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
-        """Take the oldest messages out, at most `limit` of them and about `bytes_limit` bytes, none too stale."""
+        """Take in what has come, and take out the oldest: at most `limit`, about `bytes_limit` bytes, none stale."""
         ...
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:

@@ -1,0 +1,66 @@
+"""A service as one would write it first: in zenoh's callback, pydantic for each message, filterpy for each vehicle.
+
+It says of itself what the load test asks of a service, so that both are judged by the same judge.
+Arguments: an endpoint to listen on, a site, and the class of `ordinary` that judges.
+"""
+
+import json
+import signal
+import sys
+import threading
+import time
+from typing import Any
+
+import msgpack
+import numpy as np
+import ordinary
+import zenoh
+
+from headway_schemas import Keys
+from headway_schemas.bsm import Bsm, from_record
+
+METRES_PER_DEGREE = 111_000.0
+
+
+class Naive:
+    """Every vehicle follows a point 30 m ahead of its first filter's estimate; who leads is nobody's concern."""
+
+    def __init__(self, kind: Any) -> None:
+        self._kind = kind
+        self._pairs: dict[str, Any] = {}
+        self.scored = self.anomalous = 0
+
+    def take(self, sample: zenoh.Sample) -> None:
+        content = msgpack.unpackb(sample.payload.to_bytes())
+        for record in content if isinstance(content[0], list) else [content]:
+            self._judge(from_record(record))
+
+    def _judge(self, bsm: Bsm) -> None:
+        x_m = bsm.lat * METRES_PER_DEGREE
+        if bsm.id not in self._pairs:
+            self._pairs[bsm.id] = self._kind(x_m, bsm.speed_mps)
+        z = np.array([x_m, bsm.speed_mps])
+        self.anomalous += self._pairs[bsm.id].judge(z, (x_m + 30.0, bsm.speed_mps))
+        self.scored += 1
+
+    def health(self) -> str:
+        counters = {"scored": self.scored, "warming": 0, "rejected": {}, "lost": {}, "missed": 0}
+        return json.dumps(counters | {"instance": "naive", "queue_depth": 0, "cpu_s": time.process_time()})
+
+
+def main(endpoint: str, site: str, kind: str) -> None:
+    stop = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+    config = zenoh.Config()
+    for key, value in (("mode", "peer"), ("listen/endpoints", [endpoint]), ("scouting/multicast/enabled", False)):
+        config.insert_json5(key, json.dumps(value))
+    keys, naive = Keys("v2x", site), Naive(getattr(ordinary, kind))
+    with zenoh.open(config) as session:
+        subscriber = session.declare_subscriber(keys.every_bsm, naive.take)
+        while not stop.wait(0.5):
+            session.put(keys.health("naive"), naive.health())
+        subscriber.undeclare()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,78 @@
+"""Cost of a whole turn of the loop, from bytes to what is told, and of a look for the leader."""
+
+from collections.abc import Iterator
+from itertools import islice
+
+import numpy as np
+import pytest
+from pytest_benchmark.fixture import BenchmarkFixture
+from sim.rig import KEYS, Rig
+
+from headway.core import pairing
+from headway.core.config import DetectorConfig
+from headway.core.engine import Engine
+from headway.edge.arrival import Arrival
+from headway_loadtest.encode import Encoder
+from headway_loadtest.fleet_frames import FleetFrames
+from headway_loadtest.schedule import Schedule
+from headway_schemas.encodings import BSM_MSGPACK
+
+pytestmark = pytest.mark.bench
+START_US = 1_700_000_000_000_000
+VEHICLES = 2_000
+WARM_S = 4
+
+
+def arrivals(bundle: int) -> Iterator[Arrival]:
+    schedule = Schedule(start_ns=0, start_unix_us=START_US)
+    for batch in Encoder(KEYS, bundle=bundle).batches(FleetFrames(VEHICLES, 60.0), schedule):
+        for key, payload in zip(batch.keys, batch.payloads, strict=True):
+            received_us = START_US + batch.due_ns // 1000
+            yield Arrival(str(key), payload, BSM_MSGPACK, True, received_us, batch.due_ns)
+
+
+def rig_after(stream: Iterator[Arrival], messages: int) -> Rig:
+    rig = Rig(Engine(DetectorConfig(vehicle_capacity=VEHICLES)), batch_limit=100_000)
+    for _ in range(0, messages, 200):
+        take(rig, stream, 200)
+        rig.shell.turn()
+    return rig
+
+
+def take(rig: Rig, stream: Iterator[Arrival], messages: int) -> None:
+    taken = list(islice(stream, messages))
+    rig.clock._elapsed_us = taken[-1].received_ns // 1000
+    rig.bus._inbox.put(taken)
+
+
+@pytest.mark.parametrize("bundle", [1, 25])
+@pytest.mark.parametrize("records", [25, 250, 2_500])
+def test_a_turn(benchmark: BenchmarkFixture, records: int, bundle: int) -> None:
+    messages = records // bundle
+    stream = arrivals(bundle)
+    rig = rig_after(stream, WARM_S * 10 * VEHICLES // bundle)
+    benchmark.extra_info["readings"] = records
+    rounds = max(10, min(400, 50 * 10 * VEHICLES // records))
+    benchmark.pedantic(rig.shell.turn, setup=lambda: take(rig, stream, messages), rounds=rounds)
+    assert rig.ledger.records == rig.ledger.scored + rig.ledger.warming
+
+
+def test_a_look_for_the_leader(benchmark: BenchmarkFixture) -> None:
+    stream = arrivals(1)
+    engine = rig_after(stream, WARM_S * 10 * VEHICLES).engine
+    rows = np.arange(VEHICLES)
+    nobody, changed = np.full(VEHICLES, pairing.NOBODY), np.empty(VEHICLES, np.bool_)
+    now_us = int(engine._tracks["received_us"].max())
+
+    def prepare() -> None:
+        engine._pairing["look_us"] = 0
+
+    benchmark.extra_info["readings"] = VEHICLES
+    benchmark.pedantic(
+        pairing.look,
+        (engine._tracks, engine._pairing, engine._grid, rows, nobody, now_us, 200.0, 3.5, changed),
+        setup=prepare,
+        rounds=100,
+        warmup_rounds=2,
+    )
+    assert engine.pairs > 0.8 * VEHICLES
