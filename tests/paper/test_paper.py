@@ -1,12 +1,13 @@
 """The experiment in small, held fast: a cell that moves is seen."""
 
 import json
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from headway_loadtest.evaluate.paper import DELAYS_S, MODELS, SEVERITIES, PaperResult, Protocol, run_paper
+from headway_loadtest.evaluate.paper import DELAYS_S, MODELS, PRINTED_AUC, SEVERITIES, PaperResult, Protocol, run_paper
 from headway_loadtest.evaluate.paper_leader import HEAD_START_M, Leader, read_leader
 from headway_loadtest.evaluate.paper_loop import History, Recovery
 
@@ -53,6 +54,9 @@ def test_the_result_says_what_was_run(leader: Leader) -> None:
     assert (told["recovery"], told["history"]) == ("ground-truth", "constant")
     assert len(told["table1"]) == 18
     assert len(told["table2"]) == 6
+    assert [(row["delay_s"], row["severity"]) for row in told["headway"]] == list(product(DELAYS_S, SEVERITIES))
+    for row in told["headway"]:
+        assert row["printed"] == PRINTED_AUC["aekf", row["delay_s"], row["severity"]]
     for row in told["table1"]:
         assert row.keys() == {"model", "delay_s", "severity", "auc", "auc_std", "p_value", "printed"}
         assert 0.4 < row["auc"] < 1.0

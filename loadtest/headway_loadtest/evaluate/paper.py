@@ -16,6 +16,7 @@ import numpy as np
 from scipy.stats import ttest_rel
 
 from headway_loadtest.evaluate import roc
+from headway_loadtest.evaluate.paper_default import default_aucs
 from headway_loadtest.evaluate.paper_follower import Corrupted, Follower, corrupt, drive
 from headway_loadtest.evaluate.paper_leader import SAMPLES_MIN, Leader
 from headway_loadtest.evaluate.paper_loop import History, Recovery, params, run
@@ -101,6 +102,17 @@ class Table1Row:
 
 
 @dataclass(frozen=True, slots=True)
+class DefaultRow:
+    """The service's default model in the cell of Table 1, always without an oracle, beside the printed Model 2."""
+
+    delay_s: float
+    severity: float
+    auc: float
+    auc_std: float | None
+    printed: float
+
+
+@dataclass(frozen=True, slots=True)
 class Table2Row:
     """Clean drives: mean innovations, error of the estimate, and how often per reading P had to be repaired."""
 
@@ -122,6 +134,7 @@ class PaperResult:
     samples: int
     table1: tuple[Table1Row, ...]
     table2: tuple[Table2Row, ...]
+    default: tuple[DefaultRow, ...]
     curves: dict[Cell, F64] = field(repr=False)
 
     @property
@@ -138,6 +151,7 @@ class PaperResult:
             "mean_absolute_deviation": self.mean_absolute_deviation,
             "table1": [asdict(row) for row in self.table1],
             "table2": [asdict(row) for row in self.table2],
+            "headway": [asdict(row) for row in self.default],
             "deviations": DEVIATIONS,
         }
 
@@ -150,6 +164,8 @@ class Part:
     rocs: dict[Cell, roc.Roc]
     clean: dict[str, CleanNumbers]
     """By model."""
+    default: dict[float, float]
+    """AUC of the default model, by severity."""
 
 
 def run_paper(leader: Leader, protocol: Protocol, processes: int = 1, progress: Progress | None = None) -> PaperResult:
@@ -183,6 +199,7 @@ def _compile(task: Task) -> None:
     leader, protocol, delay_s, seed = task
     short = Leader(leader.x_m[:SAMPLES_MIN], leader.v_mps[:SAMPLES_MIN])
     follower = drive(short, delay_s, 0.0, seed)
+    default_aucs({1.0: corrupt(follower, 1.0, seed)})
     for model in MODELS:
         run(model, params(model, delay_s), follower, follower.readings, protocol.recovery, protocol.history)
 
@@ -196,7 +213,8 @@ def _part(task: Task) -> Part:
         for model in MODELS
         for severity, corrupted in by_severity.items()
     }
-    return Part(delay_s, rocs, {model: _clean(model, delay_s, protocol, follower) for model in MODELS})
+    clean = {model: _clean(model, delay_s, protocol, follower) for model in MODELS}
+    return Part(delay_s, rocs, clean, default_aucs(by_severity))
 
 
 def _roc(model: str, delay_s: float, protocol: Protocol, follower: Follower, corrupted: Corrupted) -> roc.Roc:
@@ -220,7 +238,10 @@ def _clean(model: str, delay_s: float, protocol: Protocol, follower: Follower) -
 def _collect(protocol: Protocol, samples: int, parts: Iterable[Part]) -> PaperResult:
     rocs: dict[Cell, list[roc.Roc]] = {cell: [] for cell in product(MODELS, DELAYS_S, SEVERITIES)}
     clean: dict[tuple[str, float], list[CleanNumbers]] = {cell: [] for cell in product(MODELS, DELAYS_S)}
+    default: dict[tuple[float, float], list[float]] = {cell: [] for cell in product(DELAYS_S, SEVERITIES)}
     for part in parts:
+        for severity, found_auc in part.default.items():
+            default[part.delay_s, severity].append(found_auc)
         for cell, found in part.rocs.items():
             rocs[cell].append(found)
         for model, numbers in part.clean.items():
@@ -231,6 +252,10 @@ def _collect(protocol: Protocol, samples: int, parts: Iterable[Part]) -> PaperRe
         samples,
         tuple(_row(cell, aucs) for cell in aucs),
         tuple(_clean_row(model, delay_s, numbers) for (model, delay_s), numbers in clean.items()),
+        tuple(
+            DefaultRow(delay_s, severity, float(np.mean(many)), _std(many), PRINTED_AUC["aekf", delay_s, severity])
+            for (delay_s, severity), many in default.items()
+        ),
         {
             cell: np.mean([np.interp(CURVE_FPR, found.fpr, found.tpr) for found in many], axis=0)
             for cell, many in rocs.items()
@@ -241,11 +266,14 @@ def _collect(protocol: Protocol, samples: int, parts: Iterable[Part]) -> PaperRe
 def _row(cell: Cell, aucs: dict[Cell, F64]) -> Table1Row:
     model, delay_s, severity = cell
     mine = aucs[cell]
-    std = p_value = None
+    std, p_value = _std(mine), None
     if len(mine) > 1:
-        std = float(mine.std(ddof=1))
         p_value = _paired_t_test(aucs["ekf", delay_s, severity], aucs["aekf", delay_s, severity])
     return Table1Row(model, delay_s, severity, float(mine.mean()), std, p_value, PRINTED_AUC[cell])
+
+
+def _std(values: Sequence[float] | F64) -> float | None:
+    return float(np.std(values, ddof=1)) if len(values) > 1 else None
 
 
 def _clean_row(model: str, delay_s: float, numbers: Sequence[CleanNumbers]) -> Table2Row:
