@@ -69,7 +69,7 @@ class Engine:
         self._deaf_until_us = 0
         self._kept_house_us = 0
         self.pairs = 0
-        """Vehicles that follow somebody, as of the last housekeeping; any thread may read it, as none may the tables."""
+        """Vehicles that follow somebody, as of the last housekeeping: any thread may read it, unlike the tables."""
         self._filters = self._bank["model"]
         self._wave_tables = Tables(
             tracks=self._tracks,
