@@ -68,6 +68,8 @@ class Engine:
         self._renamed_us = np.zeros(capacity, np.int64)
         self._deaf_until_us = 0
         self._kept_house_us = 0
+        self.pairs = 0
+        """Vehicles that follow somebody, as of the last housekeeping: any thread may read it, unlike the tables."""
         self._filters = self._bank["model"]
         self._wave_tables = Tables(
             tracks=self._tracks,
@@ -95,11 +97,6 @@ class Engine:
     def vehicles(self) -> int:
         """Vehicles known now."""
         return len(self._vehicles)
-
-    @property
-    def pairs(self) -> int:
-        """Vehicles that follow somebody now."""
-        return int((self._leaders(np.flatnonzero(self._vehicles.in_use)) >= 0).sum())
 
     @property
     def active_events(self) -> int:
@@ -230,6 +227,7 @@ class Engine:
         rows = np.flatnonzero(self._vehicles.in_use)
         heard_us = self._tracks["received_us"]
         leaders = self._leaders(rows)
+        self.pairs = int((leaders >= 0).sum())
         excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._deaf_until_us)
         limits = self._config.miss_after_s, self._config.warming_readings
         late = silence.late(self._tracks, rows, leaders, excused, now_us, *limits)
@@ -243,6 +241,7 @@ class Engine:
         gone = rows[now_us - heard_us[rows] > self._config.forget_after_s * 1e6]
         if gone.size:
             self._forget(gone, tally)
+            self.pairs = int((self._leaders(np.flatnonzero(self._vehicles.in_use)) >= 0).sum())
 
     def _forget(self, rows: I64, tally: _Tally) -> None:
         """Free these rows everywhere."""
