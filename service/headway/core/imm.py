@@ -76,7 +76,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             fault_s=1.0,
             manoeuvre=0.003,
             manoeuvre_jerk=90.0,
-            manoeuvre_least=2.0,
+            manoeuvre_least=1.5,
             standstill_mps=0.6,
             standstill_jump_mps=0.4,
             spread=0.3,
