@@ -51,7 +51,7 @@ HEADWAY = np.dtype(
 )
 """One vehicle."""
 
-_PLACES = HEADWAY.fields or {}
+_PLACES: Any = HEADWAY.fields
 RARE_START, RARE_STOP, ROW_BYTES = _PLACES["two"][1], _PLACES["w"][1], HEADWAY.itemsize
 """Where the bytes of a row lie that only suspicions need, and how many it has."""
 
