@@ -50,9 +50,26 @@ def test_onset_then_quiet_then_cleared_under_one_id() -> None:
 def test_a_better_verdict_is_an_update_and_the_same_one_is_not() -> None:
     car = Follower()
     car.reads(True, Kind.SHORT)
-    assert car.reads(True, Kind.SHORT) == []
+    assert [car.reads(True, Kind.SHORT) for _ in range(2)] == [[], []]
     [update] = car.reads(True, Kind.BIAS)
     assert (update.phase, update.kind) == (Phase.UPDATE, Kind.BIAS)
+
+
+def test_a_kind_that_flaps_is_told_every_300_ms_at_10_hz() -> None:
+    car = Follower()
+    said = [car.reads(True, Kind.NOISE if n % 2 else Kind.BIAS) for n in range(13)]
+    assert [n for n, events in enumerate(said) if events] == [0, 3, 6, 9, 12]
+    assert [event.kind for events in said for event in events] == [
+        Kind.BIAS, Kind.NOISE, Kind.BIAS, Kind.NOISE, Kind.BIAS
+    ]  # fmt: skip
+
+
+def test_a_change_too_soon_to_be_told_is_told_at_the_end() -> None:
+    car = Follower()
+    car.reads(True, Kind.SHORT)
+    assert car.reads(True, Kind.BIAS, Sensor.SPEED) == []
+    [cleared] = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)]
+    assert (cleared.phase, cleared.kind, cleared.sensor) == (Phase.CLEARED, Kind.BIAS, Sensor.SPEED)
 
 
 def test_a_long_event_is_restated_every_second() -> None:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from headway.core.config import DetectorConfig
 from headway.core.episode import EPISODE, close, kind_of, take
@@ -49,8 +49,8 @@ def ca_params(config: DetectorConfig) -> CaParams:
     """Return the chi-square gates that the alarm budget asks for, at 10 Hz and if all noise were Gaussian."""
     share = min(0.5, config.alarm_budget_per_hour / (3600.0 * NOMINAL_HZ))
     return CaParams(
-        gate=float(chi2.isf(share, df=2)),
-        sensor_gate=float(chi2.isf(share, df=1)),
+        gate=float(chdtri(2, share)),
+        sensor_gate=float(chdtri(1, share)),
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
     )

@@ -227,7 +227,7 @@ class Engine:
         rows = np.flatnonzero(self._vehicles.in_use)
         heard_us = self._tracks["received_us"]
         leaders = self._leaders(rows)
-        self.pairs = int((leaders >= 0).sum())
+        self._count_pairs(leaders)
         excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._deaf_until_us)
         limits = self._config.miss_after_s, self._config.warming_readings
         late = silence.late(self._tracks, rows, leaders, excused, now_us, *limits)
@@ -241,7 +241,7 @@ class Engine:
         gone = rows[now_us - heard_us[rows] > self._config.forget_after_s * 1e6]
         if gone.size:
             self._forget(gone, tally)
-            self.pairs = int((self._leaders(np.flatnonzero(self._vehicles.in_use)) >= 0).sum())
+            self._count_pairs(self._leaders(np.flatnonzero(self._vehicles.in_use)))
 
     def _forget(self, rows: I64, tally: _Tally) -> None:
         """Free these rows everywhere."""
@@ -261,6 +261,9 @@ class Engine:
         """Let what is known of each vehicle as a row of the bank begin anew."""
         banks.wipe(self._bank, rows)
         self._evidence.forget(rows)
+
+    def _count_pairs(self, leaders: I64) -> None:
+        self.pairs = int((leaders >= 0).sum())
 
     def _leaders(self, rows: I64) -> I64:
         """Return (B,) the row of each one's leader, NOBODY for none."""
@@ -331,6 +334,7 @@ class Engine:
         self._events.resume([event for event in snapshot.events if self._vehicles.in_use[event.row]])
         self._link_events.resume([event for event in snapshot.link_events if self._vehicles.in_use[event.row]])
         self._misses.resume([miss for miss in snapshot.misses if self._vehicles.in_use[miss.row]])
+        self._count_pairs(self._leaders(rows))
         self.excuse(now_us)
         return int(rows.size)
 

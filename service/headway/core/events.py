@@ -18,6 +18,9 @@ CLEAR_AFTER_READINGS = 10
 
 UPDATE_EVERY_US = 1_000_000
 
+CHANGE_AFTER_US = 250_000
+"""A new kind or sensor is told no sooner than this after the last statement: of some lies the kind flaps."""
+
 
 @dataclass(slots=True)
 class _Open:
@@ -26,7 +29,9 @@ class _Open:
     event_id: str
     kind: Kind
     sensor: Sensor
+    """Of the newest alarm, told or not."""
     stated_us: int
+    changed: bool = False
     quiet: int = 0
 
 
@@ -83,13 +88,15 @@ class EventLog:
     def under_way(self, rows: I64) -> list[OpenEvent]:
         """Return the events of `rows` (n,)."""
         of = [(int(row), self._open[int(row)]) for row in rows[self.active[rows]]]
-        return [OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.stated_us, e.quiet) for row, e in of]
+        return [
+            OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.stated_us, e.changed, e.quiet) for row, e in of
+        ]
 
     def resume(self, events: list[OpenEvent]) -> None:
         """Go on with these events; nothing is said of it."""
         for event in events:
             self._open[event.row] = _Open(
-                event.event_id, Kind(event.kind), Sensor(event.sensor), event.stated_us, event.quiet
+                event.event_id, Kind(event.kind), Sensor(event.sensor), event.stated_us, event.changed, event.quiet
             )
             self.active[event.row] = True
 
@@ -105,9 +112,11 @@ class EventLog:
             event.quiet += 1
             return Phase.CLEARED if event.quiet >= CLEAR_AFTER_READINGS else None
         event.quiet = 0
-        if (kind, sensor) == (event.kind, event.sensor) and t_us - event.stated_us < UPDATE_EVERY_US:
+        if (kind, sensor) != (event.kind, event.sensor):
+            event.kind, event.sensor, event.changed = Kind(kind), Sensor(sensor), True
+        if t_us - event.stated_us < (CHANGE_AFTER_US if event.changed else UPDATE_EVERY_US):
             return None
-        event.kind, event.sensor, event.stated_us = Kind(kind), Sensor(sensor), t_us
+        event.stated_us, event.changed = t_us, False
         return Phase.UPDATE
 
     def _state(self, phase: Phase, of: _Of, verdict: np.void) -> AnomalyEvent:

@@ -28,6 +28,7 @@ from headway.core.noise_levels import (
     learn_levels,
     step_size,
 )
+from headway.core.prefetch import prefetch_row
 from headway.core.relent import relent
 
 TRUSTED = 0.9
@@ -49,6 +50,10 @@ HEADWAY = np.dtype(
     align=True,
 )
 """One vehicle."""
+
+_PLACES: Any = HEADWAY.fields
+RARE_START, RARE_STOP, ROW_BYTES = _PLACES["two"][1], _PLACES["w"][1], HEADWAY.itemsize
+"""Where the bytes of a row lie that only suspicions need, and how many it has."""
 
 
 class HeadwayParams(NamedTuple):
@@ -224,4 +229,7 @@ def step_batch(bank: Any, rows: Any, readings: Any, p: HeadwayParams, verdicts: 
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
     room = np.zeros(1, ROOM)
     for i in range(rows.size):
+        if i + 1 < rows.size:
+            prefetch_row(bank, rows[i + 1], 0, RARE_START)
+            prefetch_row(bank, rows[i + 1], RARE_STOP, ROW_BYTES)
         step(bank[rows[i]], readings[i], p, verdicts[i], room[0])

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from headway.core import constant_acceleration as ca
 from headway.core import imm
@@ -62,8 +62,8 @@ def paper_params(config: DetectorConfig) -> FilterParams:
         idm=IdmParams(),
         delay_s=config.delay_s,
         delay_jitter_s=config.delay_jitter_s,
-        gate=float(chi2.isf(false_alarm, df=2)),
-        sensor_gate=float(chi2.isf(false_alarm, df=1)),
+        gate=float(chdtri(2, false_alarm)),
+        sensor_gate=float(chdtri(1, false_alarm)),
         q_x=0.5,
         q_v=0.3,
         q_delta=1e-2,

@@ -19,6 +19,8 @@ class OpenEvent(NamedTuple):
     sensor: int
     stated_us: int
     """Event time of the last statement."""
+    changed: bool
+    """Whether kind or sensor have become others since."""
     quiet: int
     """Readings without an alarm since the last one with."""
 
