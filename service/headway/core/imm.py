@@ -61,7 +61,7 @@ class HeadwayParams(NamedTuple):
     wrong_share: float
     """A sensor suspected for longer, or for more than this share of the time heard, is believed again (`relent`)."""
     caution: float
-    """Added to the gate, as a multiple of the step that levels still take: what is not known yet is not judged hard."""
+    """Added to the gate, times the root of the step that levels still take: that is how uncertain they are."""
     settled_readings: float
     """Readings whose levels must be learnt before the tail of the log odds is."""
     max_gap_s: float
@@ -98,6 +98,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             jerk_most=2.0,
             walk_least=3e-6,
             walk_most=10.0,
+            wander_least=6.4e-4,
             slowest=0.02,
             settling=0.1,
             sign_step=0.5,
@@ -106,7 +107,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             walk_seen=0.5,
             walk_fade=0.01,
             slip_gain=0.001,
-            slip_early=0.01,
+            slip_early=0.005,
             slip_most_mps=2.0,
             lag_share=0.5,
             lag_most_s=0.3,
@@ -123,7 +124,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
         ),
         wrong_most_s=2.5,
         wrong_share=0.5,
-        caution=8.0,
+        caution=26.0,
         settled_readings=100.0,
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
@@ -178,7 +179,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     lies, over_now = 1.0 - w[HEALTHY] if w[HEALTHY] < 0.5 else w[1:].sum(), ended.sum()
     lies_now = log_odds(lies, w[HEALTHY])
     lied_just_now = log_odds(lies + over_now, w[HEALTHY] - over_now)
-    verdict.gate = gate(row.tail, p.budget) + p.caution * (step_size(levels, p.levels) - p.levels.slowest)
+    verdict.gate = gate(row.tail, p.budget) + p.caution * sqrt(step_size(levels, p.levels) - p.levels.slowest)
     # A lie that is noticed only as it ends is an alarm as well; one that was told of before is simply over.
     late = lies_now <= verdict.gate and row.run[LOCATION] + row.run[SPEED] == 0
     verdict.statistic = lied_just_now if late and lied_just_now > verdict.gate else lies_now
