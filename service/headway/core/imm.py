@@ -122,7 +122,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             level=-6.0,
             span=4.0,
             prior_mean=1.0,
-            prior_rate_per_hour=300.0,
+            prior_rate_per_hour=200.0,
             prior_peaks=100.0,
             hush_s=1.0,
             memory_s=900.0,
