@@ -2,8 +2,15 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+import headway  # noqa: F401 - says where kernels are kept, which numba must know before it is imported
 
 ROOT = Path(__file__).resolve().parents[1]
+
+settings.register_profile("suite", deadline=None)
+settings.load_profile("suite")
+"""No test times anything: the first example of some compiles a kernel."""
 
 os.environ["ZENOH_RUNTIME"] = "(rx: (worker_threads: 2))"
 """Tests hold both ends in one process, and one end that stalls must not keep the other from reading."""
