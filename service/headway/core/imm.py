@@ -66,7 +66,7 @@ class HeadwayParams(NamedTuple):
     wrong_share: float
     """A sensor suspected for longer, or for more than this share of the time heard, is believed again (`relent`)."""
     caution: float
-    """Added to the gate, as a multiple of the step that levels still take: what is not known yet is not judged hard."""
+    """Added to the gate, times the root of the step that levels still take: that is how uncertain they are."""
     settled_readings: float
     """Readings whose levels must be learnt before the tail of the log odds is."""
     max_gap_s: float
@@ -81,7 +81,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             fault_s=1.0,
             manoeuvre=0.003,
             manoeuvre_jerk=90.0,
-            manoeuvre_least=2.0,
+            manoeuvre_least=1.5,
             standstill_mps=0.6,
             standstill_jump_mps=0.4,
             spread=0.3,
@@ -103,6 +103,7 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             jerk_most=2.0,
             walk_least=3e-6,
             walk_most=10.0,
+            wander_least=6.4e-4,
             slowest=0.02,
             settling=0.1,
             sign_step=0.5,
@@ -121,14 +122,14 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             level=-6.0,
             span=4.0,
             prior_mean=1.0,
-            prior_rate_per_hour=300.0,
+            prior_rate_per_hour=200.0,
             prior_peaks=100.0,
             hush_s=1.0,
             memory_s=900.0,
         ),
         wrong_most_s=2.5,
         wrong_share=0.5,
-        caution=8.0,
+        caution=28.0,
         settled_readings=100.0,
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
@@ -183,7 +184,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     lies, over_now = 1.0 - w[HEALTHY] if w[HEALTHY] < 0.5 else w[1:].sum(), ended.sum()
     lies_now = log_odds(lies, w[HEALTHY])
     lied_just_now = log_odds(lies + over_now, w[HEALTHY] - over_now)
-    verdict.gate = gate(row.tail, p.budget) + p.caution * (step_size(levels, p.levels) - p.levels.slowest)
+    verdict.gate = gate(row.tail, p.budget) + p.caution * sqrt(step_size(levels, p.levels) - p.levels.slowest)
     # A lie that is noticed only as it ends is an alarm as well; one that was told of before is simply over.
     late = lies_now <= verdict.gate and row.run[LOCATION] + row.run[SPEED] == 0
     verdict.statistic = lied_just_now if late and lied_just_now > verdict.gate else lies_now

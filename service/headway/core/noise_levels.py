@@ -22,6 +22,9 @@ QUARTILE = 1.1503493803760079
 OUTLYING = 3.0
 """Standard deviations beyond which an innovation says no more of the slip."""
 
+NOISE_AS_WALK_HZ = 20.0
+"""Noise of variance r makes displacements at 10 Hz as uncertain as a walk of density 20 r: r at either end of each."""
+
 LEVELS = np.dtype(
     [
         ("r", "f8", (2,)),  # variance of location and speed readings
@@ -50,6 +53,9 @@ class Levels(NamedTuple):
     jerk_most: float
     walk_least: float
     walk_most: float
+    wander_least: float
+    """Walk and noise of a location together, as a walk, are never less: a location without noise of its own has been
+    smoothed by its receiver, and wanders, in a way that is correlated over seconds."""
     slowest: float
     """Step on a logarithm per reading once all is settled;"""
     settling: float
@@ -122,7 +128,8 @@ def learn_levels(levels: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, p: 
     shift(levels, ahead_mps, p)
     levels.lag_s = bounded(levels.lag_s + p.lag_share * ahead_mps * a_mps2, -p.lag_most_s, p.lag_most_s)
     fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
-    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), p.walk_least, p.walk_most)
+    walk_least = max(p.walk_least, p.wander_least - NOISE_AS_WALK_HZ * levels.r[LOCATION])
+    levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), walk_least, p.walk_most)
 
 
 @njit(cache=True)
