@@ -4,8 +4,9 @@ All is learnt from the innovations of readings that are taken for healthy, one n
 are large at first. The share of innovations beyond a quartile tells whether a level is right, and an outlier weighs no
 more than any other reading (Robbins-Monro on a quantile). The sensor's noise and the motion's own (jerk for the speed,
 walk for the location) both widen an innovation; signs tell them apart: with too little of the motion's the filter lags
-and innovations keep their sign, with too much they alternate (Mehra 1970, doi:10.1109/TAC.1970.1099422). And locations
-that keep running ahead of the speed say that the speed is reported too small.
+and innovations keep their sign, with too much they alternate (Mehra 1970, doi:10.1109/TAC.1970.1099422). A location
+that keeps running ahead of its prediction slips beside the speed, or the speed is older than it: the one whatever the
+car does, the other with its acceleration (least mean squares).
 """
 
 from math import copysign, exp, sqrt
