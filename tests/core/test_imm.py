@@ -151,3 +151,44 @@ def test_a_batch_is_its_rows_one_by_one() -> None:
         np.testing.assert_array_equal(np.array([judged[place] for judged in together]), alone)
         np.testing.assert_array_equal(bank[rows[place]], row[0])
     assert not bank[[1, 3, 4, 6, 8]].view(np.uint8).any()
+
+
+def test_a_vehicle_just_heard_is_judged_with_caution() -> None:
+    read, _, _ = drive(np.random.default_rng(8))
+    judged, _ = judge(read)
+    gate = judged["gate"]
+    assert gate[31] > gate[100] + 4.0
+    assert gate[100] > gate[SETTLED] + 1.0
+    assert gate[31:].max() < 15.0, "log odds go up to 23"
+
+
+def onsets(read) -> int:
+    """Return how many alarms begin once the model has warmed up, a second apart."""
+    judged, _ = judge(read)
+    at = np.flatnonzero(judged["anomalous"] & ~judged["warming"])
+    return int((np.diff(at, prepend=-11) > 10).sum())
+
+
+def test_a_location_smoothed_by_its_receiver_is_no_lie() -> None:
+    """It is the sum of the reported speeds, and what it is off by changes over seconds, not from reading to reading."""
+    alarms = 0
+    for seed in range(12):
+        rng = np.random.default_rng(seed)
+        read, _, v = drive(rng, n=1800)
+        read["v_mps"] = v + rng.normal(0.0, 0.02, read.size)
+        slip_mps = np.zeros(read.size)
+        for k in range(1, read.size):
+            slip_mps[k] = 0.95 * slip_mps[k - 1] + rng.normal(0.0, 0.0045)
+        read["x_m"] = np.cumsum(0.1 * (read["v_mps"] + slip_mps))
+        alarms += onsets(read)
+    assert alarms <= 6, "in 36 minutes; dozens where so steady a location is believed not to wander"
+
+
+def test_a_location_that_wanders_from_the_first_reading_is_soon_known_to() -> None:
+    alarms = 0
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        read, x, _ = drive(rng, n=200, v_std=0.02)
+        read["x_m"] = x + np.cumsum(rng.normal(0.0, 0.012, read.size))
+        alarms += onsets(read)
+    assert alarms <= 3, "in 20 minutes of vehicles that are 20 s old"

@@ -67,22 +67,22 @@ class Heard:
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_fleet_of_strangers_keeps_the_budget(seed: int) -> None:
-    """Expected 2 (measured 0.4 to 0.7 an hour over 40 h); 8 at a budget of 1 are exceeded in 1 run of 50."""
+    """Measured .5 an hour (55 h): 2 expected here, 6 exceeded by chance in 1 run of 200."""
     heard = Heard()
     for frame in FleetFrames(300, 50.0, seed=seed):
         heard.take(frame)
     assert heard.vehicle_hours == pytest.approx(4.2, abs=0.1)
-    assert len(heard.onsets) <= 8
+    assert len(heard.onsets) <= 6
 
 
 def test_recorded_drives_stay_near_the_budget(tmp_path) -> None:
-    """Locations smoothed from rounded ones, leaders seen by radar: measured 2.6 an hour in the first minute."""
+    """Smoothed locations, leaders seen by radar: measured 1.8 an hour (37 h), 8 exceeded by chance in 1 run of 70."""
     write_sample(tmp_path, pairs=60, seconds=60.0, seed=4)
     heard = Heard()
     for frame in SceneFrames(parse_sources([str(tmp_path)], seconds=60.0, seed=4), concurrent=1_000):
         heard.take(frame)
     assert heard.vehicle_hours == pytest.approx(2.0, abs=0.05)
-    assert len(heard.onsets) <= 10
+    assert len(heard.onsets) <= 8
 
 
 def test_caution_does_not_hide_liars_just_heard() -> None:

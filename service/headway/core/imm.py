@@ -32,7 +32,9 @@ from headway.core.prefetch import prefetch_row
 from headway.core.relent import relent
 
 TRUSTED = 0.9
-"""Probability of HEALTHY above which a reading teaches noise levels."""
+"""Probability of HEALTHY above which a reading teaches noise levels;"""
+TRUSTED_EARLY = 0.3
+"""and before they have settled, when a level too small makes honest readings doubtful and would never be mended."""
 HEADWAY = np.dtype(
     [
         ("count", "i8"),  # readings taken; 0: a row not begun
@@ -68,7 +70,7 @@ class HeadwayParams(NamedTuple):
     caution: float
     """Added to the gate, times the root of the step that levels still take: that is how uncertain they are."""
     settled_readings: float
-    """Readings whose levels must be learnt before the tail of the log odds is."""
+    """Readings from which levels must have been learnt before they count as settled, and the tail is learnt."""
     max_gap_s: float
     warming_readings: int
 
@@ -210,7 +212,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
 
     if not verdict.warming and levels.learnt > p.settled_readings:
         learn(row.tail, lied_just_now, verdict.anomalous, dt_s, p.budget)
-    if dt_s > 0.0 and w[HEALTHY] > TRUSTED:
+    if dt_s > 0.0 and w[HEALTHY] > (TRUSTED if levels.learnt > p.settled_readings else TRUSTED_EARLY):
         learn_levels(levels, dt_s, row.a_mps2, nu, cov, p.levels)
     else:
         interrupt(levels)
