@@ -1,12 +1,13 @@
 import pytest
 
+from headway.core.names import names
 from headway.core.vehicles import VehicleTable
 
 
 def test_a_vehicle_keeps_its_row_and_a_stranger_has_none() -> None:
     table = VehicleTable(4)
     [row] = table.admit(["a"])
-    assert table.rows(["a", "b", "a"]).tolist() == [row, -1, row]
+    assert table.rows(names(["a", "b", None, "a"])).tolist() == [row, -1, -1, row]
     assert table.id_of[row] == "a"
 
 
@@ -14,13 +15,13 @@ def test_the_order_of_arrival_is_of_no_account() -> None:
     one, other = VehicleTable(3), VehicleTable(3)
     one.admit(["b", "a", "c"])
     other.admit(["c", "b", "a"])
-    assert one.row_of == other.row_of
+    assert one.id_of == other.id_of
 
 
 def test_a_full_table_leaves_the_rest_without_a_row() -> None:
     table = VehicleTable(2)
     assert len(table.admit(["a", "b", "c"])) == 2
-    assert table.rows(["c"]).tolist() == [-1]
+    assert table.rows(names(["c"])).tolist() == [-1]
 
 
 def test_a_freed_row_is_used_again_under_another_serial() -> None:

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from headway.core.batch import Batch
+from headway.core.names import names
 
 START_US = 1_700_000_000_000_000
 STEP_US = 100_000
@@ -28,8 +29,8 @@ def batch(
     t = np.array(list(t_us), np.int64)
     nothing = np.full(n, np.nan)
     return Batch(
-        ids=ids,
-        leader_ids=[None] * n if leader_ids is None else leader_ids,
+        ids=names(ids),
+        leader_ids=names([None] * n if leader_ids is None else leader_ids),
         msg_cnt=np.array(list(msg_cnt) if isinstance(msg_cnt, Iterable) else [msg_cnt] * n, np.int64),
         t_us=t,
         received_us=t + LATENCY_US if received_us is None else np.array(list(received_us), np.int64),

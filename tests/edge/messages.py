@@ -5,6 +5,7 @@ from typing import Any
 
 import msgpack
 
+from headway.core.batch import Names
 from headway.edge.arrival import Arrival
 from headway_schemas import Keys
 from headway_schemas.bsm import FIELDS
@@ -49,3 +50,8 @@ def arrival(
     else:
         payload = json.dumps(content).encode()
     return Arrival(key or KEYS.bsm(sender), payload, encoding, is_put, RECEIVED_US, 0)
+
+
+def ids_of(column: Names) -> list[str | None]:
+    """Read a column of identifiers; None where there is none."""
+    return [name.decode() or None for name in column.tolist()]

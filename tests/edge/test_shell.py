@@ -4,7 +4,7 @@ import json
 from collections import Counter
 
 import pytest
-from messages import arrival, record
+from messages import arrival, ids_of, record
 from sim.clock import FakeClock
 from sim.memory_bus import MemoryQuery
 from sim.rig import KEYS, Rig
@@ -22,7 +22,7 @@ def test_a_turn_hands_what_has_come_to_the_detector_in_one_batch() -> None:
     rig.bus.deliver(arrival(record("a"), "a"))
     rig.bus.deliver(arrival([record("b"), record("c")], "gw-1"))
     assert rig.shell.turn() == 2
-    assert [batch.ids for batch in rig.engine.batches] == [["a", "b", "c"]]
+    assert [ids_of(batch.ids) for batch in rig.engine.batches] == [["a", "b", "c"]]
     assert (rig.ledger.messages, rig.ledger.scored, rig.ledger.records) == (2, 3, 3)
 
 

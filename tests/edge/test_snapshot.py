@@ -11,6 +11,7 @@ from structlog.testing import capture_logs
 from headway.core.batch import Batch
 from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
+from headway.core.names import names
 from headway.edge.evidence import parameters
 from headway.edge.snapshot import Snapshots
 from headway.edge.vitals import Identity
@@ -33,8 +34,8 @@ def driven(vehicles: int = 70, steps: int = 30) -> Engine:
             x_m[5] += 50.0
         heard = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 8))
         records = Batch(
-            ids=[f"car{n}" for n in heard],
-            leader_ids=[None] * heard.size,
+            ids=names([f"car{n}" for n in heard]),
+            leader_ids=names([None] * heard.size),
             msg_cnt=np.full(heard.size, k),
             t_us=t_us[heard],
             received_us=t_us[heard],

@@ -161,8 +161,9 @@ def test_every_form_of_a_message_decodes_to_the_same_numbers(messages: list[Bsm]
     codec = Codec(KEYS)
     expected = [
         (
-            bsm.id, bsm.leader and bsm.leader.id, bsm.msg_cnt, bsm.t_us, 1_700_000_000_000_000, bsm.lat, bsm.lon,
-            bsm.speed_mps, bsm.heading_deg, bsm.accel_mps2, bsm.accuracy_m, bsm.length_m,
+            bsm.id.encode(), bsm.leader.id.encode() if bsm.leader else b"",
+            bsm.msg_cnt, bsm.t_us, 1_700_000_000_000_000, bsm.lat, bsm.lon, bsm.speed_mps,
+            bsm.heading_deg, bsm.accel_mps2, bsm.accuracy_m, bsm.length_m,
             bsm.leader and bsm.leader.range_m, bsm.leader and bsm.leader.range_rate_mps,
         )
         for bsm in messages

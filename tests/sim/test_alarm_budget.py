@@ -6,6 +6,7 @@ import pytest
 from headway.core.batch import Batch
 from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
+from headway.core.names import names
 from headway.core.records import Kind as Told
 from headway.core.turn import Phase
 from headway_loadtest.fleet_frames import FleetFrames
@@ -32,15 +33,15 @@ class Heard:
         self._ids.update({row: (name, length_m or np.nan) for row, name, length_m in frame.entering})
         if not len(frame):
             return
-        names = [self._ids[row][0] for row in frame.row.tolist()]
-        for name, t_us in zip(names, frame.t_us.tolist(), strict=True):
+        ids = [self._ids[row][0] for row in frame.row.tolist()]
+        for name, t_us in zip(ids, frame.t_us.tolist(), strict=True):
             self._since_us[name] = (self._since_us.get(name, (t_us, 0))[0], t_us)
         nothing = np.full(len(frame), np.nan)
         ahead = [record or (None, np.nan, np.nan) for record in frame.leader or [None] * len(frame)]
         t_us = START_US + frame.t_us
         batch = Batch(
-            ids=names,
-            leader_ids=[record[0] for record in ahead],
+            ids=names(ids),
+            leader_ids=names([record[0] for record in ahead]),
             msg_cnt=frame.msg_cnt,
             t_us=t_us,
             received_us=t_us + LATENCY_US,

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
+Names = NDArray[np.bytes_]
+"""Identifiers, ASCII, of up to 64 characters each."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -18,8 +20,9 @@ class Batch:
     sensor: who is ahead, how far from its reference point, and how fast the distance grows.
     """
 
-    ids: list[str]
-    leader_ids: list[str | None]
+    ids: Names
+    leader_ids: Names
+    """Empty where none is declared."""
     msg_cnt: I64
     t_us: I64
     received_us: I64

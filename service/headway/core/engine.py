@@ -14,6 +14,7 @@ from headway.core.events import EventLog
 from headway.core.evidence import EvidenceStore
 from headway.core.judges import judges
 from headway.core.link import link_said
+from headway.core.names import names
 from headway.core.order import refuse_by_age, waves
 from headway.core.outcome import Outcome
 from headway.core.records import Records
@@ -114,7 +115,7 @@ class Engine:
             max_age_us, max_ahead_us = self._config.max_age_s * 1e6, self._config.max_ahead_s * 1e6
             refuse_by_age(batch.t_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
             rows = self._rows(batch, outcomes)
-            declared = self._declared(batch)
+            declared = self._vehicles.rows(batch.leader_ids)
             self._ear.hear(batch.received_us)
             numbers = columns(batch)
             order, nth, count = waves(rows, batch.t_us, outcomes, self._seen)
@@ -147,17 +148,11 @@ class Engine:
             return rows
         strangers = np.flatnonzero((rows < 0) & (outcomes == _SCORED))
         if strangers.size:
-            admitted = self._vehicles.admit({batch.ids[i] for i in strangers})
+            admitted = self._vehicles.admit({name.decode() for name in batch.ids[strangers].tolist()})
             self._first_heard_us[admitted] = batch.received_us[strangers].min()
             rows = self._vehicles.rows(batch.ids)
             outcomes[(rows < 0) & (outcomes == _SCORED)] = Outcome.TABLE_FULL
         return rows
-
-    def _declared(self, batch: Batch) -> I64:
-        """Return (B,) the row of the leader that each record names, NOBODY for none known."""
-        if any(batch.leader_ids):
-            return self._vehicles.rows(batch.leader_ids)
-        return np.full(len(batch), pairing.NOBODY)
 
     def _wave(
         self,
@@ -362,8 +357,8 @@ def _example(k: int) -> Batch:
     t_us = np.full(2, 1 + k * 100_000)
     nothing = np.full(2, np.nan)
     return Batch(
-        ids=["leader", "follower"],
-        leader_ids=[None, "leader"],
+        ids=names(["leader", "follower"]),
+        leader_ids=names([None, "leader"]),
         msg_cnt=np.full(2, k),
         t_us=t_us,
         received_us=t_us,

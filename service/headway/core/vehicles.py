@@ -1,20 +1,19 @@
 """Which vehicle has which row: bounded, and rows of the forgotten are used again."""
 
-from collections.abc import Callable, Iterable, Sequence
-from itertools import repeat
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.batch import I64
+from headway.core.batch import I64, Names
+from headway.core.names import enrol, find, names, new_directory, strike, words
 
 
 class VehicleTable:
     """Ids to rows, both ways. `serial` tells a row's tenants apart: it changes whenever a row changes hands."""
 
     def __init__(self, capacity: int) -> None:
-        self.row_of: dict[str, int] = {}
+        self._directory = new_directory(capacity)
         self.id_of: list[str | None] = [None] * capacity
         self.serial: I64 = np.zeros(capacity, np.int64)
         self.in_use: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
@@ -23,12 +22,13 @@ class VehicleTable:
 
     def __len__(self) -> int:
         """Return how many vehicles are known."""
-        return len(self.row_of)
+        return len(self.id_of) - len(self._free)
 
-    def rows(self, ids: Sequence[str | None]) -> I64:
-        """Return (B,) the row of each id; -1 where it has none, and for None."""
-        get: Callable[[Any, int], int] = self.row_of.get
-        return np.fromiter(map(get, ids, repeat(-1)), np.int64, len(ids))
+    def rows(self, ids: Names) -> I64:
+        """Return (B,) the row of each id; -1 where it has none, and where there is no id."""
+        rows = np.empty(ids.size, np.int64)
+        find(self._directory, words(ids), rows)
+        return rows
 
     def admit(self, ids: Iterable[str]) -> list[int]:
         """Give a row to each new id, in sorted order so that the order of arrival is of no account.
@@ -56,7 +56,7 @@ class VehicleTable:
         vehicle = self.id_of[row]
         if vehicle is None:
             raise ValueError(f"row {row} is free already")
-        del self.row_of[vehicle]
+        strike(self._directory, row)
         self.id_of[row] = None
         self.in_use[row] = False
         self.serial[row] = 0
@@ -64,7 +64,7 @@ class VehicleTable:
 
     def _take(self, row: int, vehicle: str) -> None:
         self._serial += 1
-        self.row_of[vehicle] = row
+        enrol(self._directory, row, words(names([vehicle])), 0)
         self.id_of[row] = vehicle
         self.serial[row] = self._serial
         self.in_use[row] = True

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from headway.core.batch import F64, I64, Batch
+from headway.core.batch import F64, I64, Batch, Names
+from headway.core.names import NAME_BYTES, names
 from headway.core.outcome import Outcome
 from headway.edge import compact
 from headway.edge.arrival import Arrival, Fault, Rejection
 from headway.edge.columns import Layout
+from headway.edge.compact import Compact
 from headway.edge.payload import Reader, Refusal, fault_of_shape
 from headway_schemas.bsm import Bsm, Leader, from_record
 from headway_schemas.encodings import BSM_MSGPACK
@@ -39,7 +41,6 @@ _KEY_COPIED_MAX: Final = 256
 _BSM: Final = Layout.of(Bsm)
 _LEADER: Final = Layout.of(Leader)
 
-_PAYLOAD: Final = itemgetter(Arrival._fields.index("payload"))
 _RECEIVED_US: Final = itemgetter(Arrival._fields.index("received_us"))
 
 _NOTHING: Final[list[Any]] = []
@@ -105,9 +106,9 @@ class Codec:
         self._payload_max_bytes = payload_max_bytes
         self._bundle_max = bundle_max
         self._reader = Reader(bundle_max)
-        self._owners: dict[str, str] = {}
+        self._owners: dict[str, bytes] = {}
+        """By key, padded."""
         self._ids: set[str] = set()
-        self._spelt: dict[bytes, str] = {}
 
     def decode(self, arrivals: Sequence[Arrival]) -> Decoded:
         """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises."""
@@ -115,58 +116,32 @@ class Codec:
 
     def warm_up(self) -> None:
         """Compile or load what reads the usual form."""
-        compact.read(b"", np.empty(0, np.int64), self._bundle_max)
+        compact.read(b"", np.empty(0, np.int64), names([]), self._bundle_max)
 
     def _decode_usual(self, arrivals: Sequence[Arrival]) -> Decoded | None:
         """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
-        payloads, owners = self._payloads_of_known(arrivals)
-        read = compact.read(payloads, _sizes(arrivals), self._bundle_max) if owners else None
+        read = self._read_usual(arrivals)
         if read is None:
             return None
         sources = np.arange(len(arrivals))
-        if len(read.ids) > len(arrivals):
+        if read.ids.size > len(arrivals):
             sources = np.repeat(sources, read.sizes)
-            owners = list(chain.from_iterable(map(repeat, owners, read.sizes.tolist())))
-        ids = self._names(payloads, read.ids)
-        if ids is None or not (ids == owners or all(map(_may_send, owners, ids))):
-            return None
-        leader_ids: list[str | None] = [None] * len(ids)
-        declaring = np.flatnonzero(read.leader_ids[:, 1])
-        if declaring.size:
-            names = self._names(payloads, read.leader_ids[declaring])
-            if names is None:
-                return None
-            for i, name in zip(declaring.tolist(), names, strict=True):
-                if name == ids[i]:
-                    return None
-                leader_ids[i] = name
         numbers = dict(zip(compact.NAMES, read.numbers, strict=True))
-        return Decoded(_batch(ids, leader_ids, numbers, arrivals, sources), sources, [])
+        return Decoded(_batch(read.ids, read.leader_ids, numbers, arrivals, sources), sources, [])
 
-    def _payloads_of_known(self, arrivals: Sequence[Arrival]) -> tuple[bytes, list[str]]:
-        """Return the payloads end to end and the owner of each key; no owners where there is more to say of one."""
+    def _read_usual(self, arrivals: Sequence[Arrival]) -> Compact | None:
+        """Read arrivals that are all of the usual form; None where there is more to say of one."""
         if not arrivals:
-            return b"", []
+            return None
         keys, payloads, encodings, are_puts, _, _ = zip(*arrivals, strict=True)
         owners = list(map(self._owners.get, keys))
-        usual = set(encodings) == {BSM_MSGPACK} and all(are_puts) and None not in owners
-        if not usual or max(map(len, payloads)) > self._payload_max_bytes:
-            return b"", []
-        return b"".join(payloads), cast(list[str], owners)
-
-    def _names(self, payloads: bytes, spans: I64) -> list[str] | None:
-        """Return the identifiers that lie at `spans` (B, 2); None where one is none."""
-        spelt = [payloads[start:stop] for start, stop in spans.tolist()]
-        names = list(map(self._spelt.get, spelt))
-        if None in names:
-            for i in [i for i, name in enumerate(names) if name is None]:
-                name = spelt[i].decode("ascii", "replace")
-                if not is_id(name):
-                    return None
-                if len(self._spelt) >= _REMEMBERED_MAX:
-                    self._spelt.clear()
-                names[i] = self._spelt.setdefault(spelt[i], name)
-        return cast(list[str], names)
+        if None in owners or not all(are_puts) or set(encodings) != {BSM_MSGPACK}:
+            return None
+        sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        if sizes.max() > self._payload_max_bytes:
+            return None
+        known = np.frombuffer(b"".join(cast(list[bytes], owners)), f"S{NAME_BYTES}")
+        return compact.read(b"".join(payloads), sizes, known, self._bundle_max)
 
     def _decode_any(self, arrivals: Sequence[Arrival]) -> Decoded:
         opened, rejections = self._open(arrivals)
@@ -190,14 +165,14 @@ class Codec:
             sources = sources[kept]
             ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
             numbers = {name: column[kept] for name, column in numbers.items()}
-        return Decoded(_batch(ids, leader_ids, numbers, arrivals, sources), sources, rejections)
+        batch = _batch(names(ids), names(leader_ids), numbers, arrivals, sources)
+        return Decoded(batch, sources, rejections)
 
     def records_in(self, arrivals: Sequence[Arrival]) -> int:
         """Return how many records `decode` would account for."""
-        payloads, owners = self._payloads_of_known(arrivals)
-        read = compact.read(payloads, _sizes(arrivals), self._bundle_max) if owners else None
+        read = self._read_usual(arrivals)
         if read is not None:
-            return len(read.ids)
+            return read.ids.size
         opened, rejections = self._open(arrivals)
         return sum(opened.sizes) + sum(rejection.count for rejection in rejections)
 
@@ -219,7 +194,7 @@ class Codec:
             opened.records.extend(records)
             opened.sources.append(source)
             opened.sizes.append(len(records))
-            opened.owners.append(owner)
+            opened.owners.append(owner.rstrip(b"\0").decode())
         return opened, rejections
 
     def _fault_of_envelope(self, arrival: Arrival) -> Fault | None:
@@ -234,11 +209,12 @@ class Codec:
             return Fault(Outcome.PAYLOAD_TOO_LARGE, f"{len(arrival.payload)} bytes, {self._payload_max_bytes} at most")
         return None
 
-    def _learn_owner(self, key: str) -> str:
+    def _learn_owner(self, key: str) -> bytes:
         sender = key.rpartition("/")[2]
         if len(self._owners) >= _REMEMBERED_MAX:
             self._owners.clear()
-        return self._owners.setdefault(key, _ANYONE if is_gateway(sender) else sender)
+        owner = _ANYONE if is_gateway(sender) else sender
+        return self._owners.setdefault(key, owner.encode().ljust(NAME_BYTES, b"\0"))
 
     def _not_ids(self, values: list[Any]) -> NDArray[np.intp]:
         """Return the indices of values that are no identifiers."""
@@ -278,9 +254,7 @@ class Codec:
         return leader_ids, table.numbers
 
 
-def _batch(
-    ids: list[str], leader_ids: list[str | None], numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64
-) -> Batch:
+def _batch(ids: Names, leader_ids: Names, numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64) -> Batch:
     received_us = np.fromiter(map(_RECEIVED_US, arrivals), np.int64, len(arrivals))
     return Batch(
         ids=ids,
@@ -303,11 +277,6 @@ def _batch(
 def _may_send(owner: str, sender: Any) -> bool:
     """Whether a key of this owner may carry a record of this sender."""
     return owner in (_ANYONE, sender)
-
-
-def _sizes(arrivals: Sequence[Arrival]) -> I64:
-    """Return bytes of each payload."""
-    return np.fromiter(map(len, map(_PAYLOAD, arrivals)), np.int64, len(arrivals))
 
 
 def encode(message: Message) -> bytes:

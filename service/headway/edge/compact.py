@@ -9,9 +9,11 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from headway.core.batch import F64, I64
+from headway.core.batch import F64, I64, Names
+from headway.core.names import NAME_BYTES, Words, same, words
 from headway.edge.columns import Layout
 from headway_schemas.bsm import Bsm, Leader
+from headway_schemas.keys import is_id
 
 _BSM, _LEADER = Layout.of(Bsm), Layout.of(Leader)
 NAMES: Final = (*_BSM.kinds, *_LEADER.kinds)
@@ -19,7 +21,8 @@ NAMES: Final = (*_BSM.kinds, *_LEADER.kinds)
 ID, LEADER = _BSM.fields.index("id"), _BSM.fields.index("leader")
 """Places in a record of what is no number."""
 FIELDS, LEADER_FIELDS, OF_LEADER = len(_BSM.fields), len(_LEADER.fields), len(_BSM.kinds)
-ID_BYTES_MAX = 64
+IN_AN_ID: Final = np.array([is_id(chr(byte)) for byte in range(256)])
+"""(256,) whether a byte may be in an identifier."""
 
 WORD = np.dtype(
     {"names": ["u8", "i8", "f8", "f4"], "formats": ["u8", "i8", "f8", "f4"], "offsets": [0] * 4, "itemsize": 8}
@@ -44,21 +47,24 @@ class Compact(NamedTuple):
 
     numbers: F64
     """(K, B) by `NAMES`, NaN where nothing is said."""
-    ids: I64
-    """(B, 2) first byte and the one after the last of the sender's identifier, in all payloads end to end."""
-    leader_ids: I64
-    """(B, 2) of the leader's; two zeros where none is declared."""
+    ids: Names
+    """(B,)"""
+    leader_ids: Names
+    """(B,) empty where none is declared."""
     sizes: I64
     """(P,) records of each payload."""
 
 
-def read(payloads: bytes, sizes: I64, bundle_max: int) -> Compact | None:
-    """Read payloads that lie end to end, of `sizes` (P,) bytes; None where one of them is not for here."""
+def read(payloads: bytes, sizes: I64, owners: Names, bundle_max: int) -> Compact | None:
+    """Read payloads that lie end to end, of `sizes` (P,) bytes; None where one of them is not for here.
+
+    `owners` (P,): whose records alone each may hold; empty: anybody's.
+    """
     most = len(payloads) // OF_LEADER + 1  # a record that is complete is longer
     numbers, records = np.empty((len(NAMES), most)), np.empty_like(sizes)
-    ids, leader_ids = np.empty((most, 2), np.int64), np.empty((most, 2), np.int64)
+    ids, leader_ids = np.empty(most, f"S{NAME_BYTES}"), np.empty(most, f"S{NAME_BYTES}")
     buffer = np.frombuffer(payloads, np.uint8)
-    count = _read(buffer, np.cumsum(sizes), bundle_max, LIMITS, numbers, ids, leader_ids, records)
+    count = _read(buffer, sizes, words(owners), bundle_max, LIMITS, numbers, words(ids), words(leader_ids), records)
     if count < 0:
         return None
     return Compact(numbers[:, :count], ids[:count], leader_ids[:count], records)
@@ -70,13 +76,21 @@ _inlined: Final = njit(cache=True, inline="always")
 
 @njit(cache=True)
 def _read(
-    buffer: Any, ends: I64, bundle_max: int, limits: Any, numbers: F64, ids: I64, leader_ids: I64, sizes: I64
+    buffer: Any,
+    sizes: I64,
+    owners: Words,
+    bundle_max: int,
+    limits: Any,
+    numbers: F64,
+    ids: Words,
+    leader_ids: Words,
+    out_records: I64,
 ) -> int:
     """Fill in the columns and return how many records there are, -1 where a payload is not for here."""
     word = np.zeros(1, WORD)[0]
-    count, at = 0, 0
-    for payload in range(ends.size):
-        end = ends[payload]
+    count, at, end = 0, 0, 0
+    for payload in range(sizes.size):
+        end += sizes[payload]
         records = 1
         size, first = _array(buffer, at, end)
         if _array(buffer, first, end)[0] >= 0:
@@ -87,28 +101,30 @@ def _read(
             if count == ids.shape[0]:
                 return -1
             at = _record(buffer, at, end, limits, word, count, numbers, ids, leader_ids)
-            if at < 0:
+            if at < 0 or same(ids, count, leader_ids, count):
+                return -1
+            if owners[payload, 0] != 0 and not same(ids, count, owners, payload):
                 return -1
             count += 1
         if at != end:
             return -1
-        sizes[payload] = records
+        out_records[payload] = records
     return count
 
 
 @_inlined
 def _record(
-    buffer: Any, at: int, end: int, limits: Any, word: Any, i: int, numbers: F64, ids: I64, leader_ids: I64
+    buffer: Any, at: int, end: int, limits: Any, word: Any, i: int, numbers: F64, ids: Words, leader_ids: Words
 ) -> int:
     """Read record `i` and return where it ends, -1 where it is not for here."""
     fields, at = _array(buffer, at, end)
     if not ID < fields <= FIELDS:
         return -1
-    leader_ids[i, 0] = leader_ids[i, 1] = 0
+    leader_ids[i] = 0
     k = 0
     for field in range(FIELDS):
         if field == ID:
-            at = _string(buffer, at, end, i, ids)
+            at = _identifier(buffer, at, end, i, ids)
         elif field != LEADER:
             at = _number(buffer, at, end if field < fields else at, limits, word, k, i, numbers)
             k += 1
@@ -124,12 +140,12 @@ def _record(
 
 
 @_inlined
-def _leader(buffer: Any, at: int, end: int, limits: Any, word: Any, i: int, numbers: F64, leader_ids: I64) -> int:
+def _leader(buffer: Any, at: int, end: int, limits: Any, word: Any, i: int, numbers: F64, leader_ids: Words) -> int:
     """Read the leader of record `i` and return where it ends, -1 where it is not for here."""
     fields, at = _array(buffer, at, end)
     if not 1 <= fields <= LEADER_FIELDS:
         return -1
-    at = _string(buffer, at, end, i, leader_ids)
+    at = _identifier(buffer, at, end, i, leader_ids)
     for k in range(1, LEADER_FIELDS):
         if at >= 0:
             at = _number(buffer, at, end if k < fields else at, limits, word, OF_LEADER + k - 1, i, numbers)
@@ -147,8 +163,8 @@ def _array(buffer: Any, at: int, end: int) -> tuple[int, int]:
 
 
 @_inlined
-def _string(buffer: Any, at: int, end: int, i: int, out_spans: I64) -> int:
-    """Write where a short string lies and return where it ends, -1 where there is none."""
+def _identifier(buffer: Any, at: int, end: int, i: int, out_ids: Words) -> int:
+    """Copy an identifier to row `i` and return where it ends, -1 where there is none."""
     if at + 1 >= end:
         return -1
     size, start = int(buffer[at] & 0x1F), at + 1
@@ -156,8 +172,15 @@ def _string(buffer: Any, at: int, end: int, i: int, out_spans: I64) -> int:
         size, start = int(buffer[at + 1]), at + 2
     elif buffer[at] & 0xE0 != FIX_STRING:
         return -1
-    out_spans[i, 0], out_spans[i, 1] = start, start + size
-    return start + size if 0 < size <= ID_BYTES_MAX and start + size <= end else -1
+    if not 0 < size <= NAME_BYTES or start + size > end:
+        return -1
+    out_ids[i] = 0
+    for k in range(size):
+        byte = buffer[start + k]
+        if not IN_AN_ID[byte]:
+            return -1
+        out_ids[i, k >> 3] |= np.uint64(byte) << np.uint64(8 * (k & 7))
+    return start + size
 
 
 @_inlined
