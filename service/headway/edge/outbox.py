@@ -40,6 +40,11 @@ class Outbox:
                 pass
         self._acts.put(act)
 
+    @property
+    def waiting(self) -> int:
+        """Acts that were not begun."""
+        return self._acts.qsize()
+
     def close(self, timeout_s: float) -> bool:
         """Do what waits, for at most `timeout_s`; return whether all was done."""
         self._acts.put(None)

@@ -1,14 +1,15 @@
 """What the detector knows, on disk: a service that is started again goes on with the vehicles it knew.
 
-The state is copied a slice in each turn, so that no turn takes long, and written by a thread of its own. The file holds
-lines of JSON and the tables as they are in memory: only the same core in the same configuration reads it.
+The state is copied a slice at a time, so that no turn takes long, and each slice is written by a thread of its own
+before the next is copied, so that there is never a second copy of it all. The file holds lines of JSON and the tables
+as they are in memory: only the same core in the same configuration reads it.
 """
 
 import json
 import os
 import sys
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -50,22 +51,23 @@ class Snapshots:
         self._identity = identity
         self._clock = clock
         self._due_ns = clock.monotonic_ns() + self._interval_ns
-        self._parts: list[Snapshot] = []
-        self._outbox = Outbox("headway-snapshot", 1, OSError)
+        self._slice = 0
+        self._file: _Writing | None = None
+        self._outbox = Outbox("headway-snapshot", _SLICES, OSError)
         self.written = 0
         self.failed = 0
         self.trouble: str | None = None
         """Why the newest snapshot could not be written."""
 
     def turn(self, now_ns: int) -> None:
-        """Copy the next slice when a snapshot is due; the last one has it written."""
-        if now_ns < self._due_ns:
+        """Copy the next slice when a snapshot is due and the slice before is written."""
+        if now_ns < self._due_ns or self._outbox.waiting:
             return
-        self._parts.append(self._engine.snapshot(_SLICES, len(self._parts)))
-        if len(self._parts) == _SLICES:
-            parts, self._parts = self._parts, []
+        place, self._slice = self._slice, (self._slice + 1) % _SLICES
+        part = self._engine.snapshot(_SLICES, place)
+        if self._slice == 0:
             self._due_ns = now_ns + self._interval_ns
-            self._outbox.put(lambda: self._write(parts))
+        self._outbox.put(lambda: self._write(place, part))
 
     def load(self) -> int:
         """Let the engine go on with what the file says, if it fits; return how many vehicles it knows then."""
@@ -81,22 +83,31 @@ class Snapshots:
         return vehicles
 
     def close(self) -> None:
-        """Write what is known now."""
-        last = self._engine.snapshot()
-        self._outbox.put(lambda: self._write([last]))
+        """Write what is known now; the engine must stand still meanwhile."""
+        self._outbox.put(self._write_all)
         self._outbox.close(_CLOSE_S)
 
-    def _write(self, parts: list[Snapshot]) -> None:
+    def _write_all(self) -> None:
+        for place in range(_SLICES):
+            self._write(place, self._engine.snapshot(_SLICES, place))
+
+    def _write(self, place: int, part: Snapshot) -> None:
+        """Write a slice; the first one begins a file, and what fails is over until then."""
         try:
-            _write(self._path, self._maker(), parts)
+            if place == 0:
+                self._file = _writing(self._path, self._maker())
+                next(self._file)
+            if self._file is not None:
+                self._file.send(part)
+        except StopIteration:
+            self.written += 1
+            self.trouble = None
         except OSError as error:
+            self._file = None
             self.failed += 1
             if self.trouble is None:
                 _log.error("snapshot cannot be written", file=str(self._path), error=str(error))
             self.trouble = error.strerror or str(error)
-        else:
-            self.written += 1
-            self.trouble = None
 
     def _maker(self) -> dict[str, float | str]:
         """Return what must be the same for a snapshot to fit."""
@@ -104,35 +115,39 @@ class Snapshots:
         return {"format": _FORMAT, "site": identity.site, "byteorder": sys.byteorder, **identity.parameters}
 
 
-def _write(path: Path, maker: dict[str, float | str], parts: Sequence[Snapshot]) -> None:
-    """Replace the file, so that there is a whole one at any time.
+_Writing = Generator[None, Snapshot, None]
 
-    Part by part and without copies: the loop is held up by as much as this thread does in one piece.
+
+def _writing(path: Path, maker: dict[str, float | str]) -> _Writing:
+    """Take slices, as many as there are, and replace the file after the last: there is a whole one at any time.
+
+    Without copies: the loop is held up by as much as this thread does in one piece.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_name(path.name + ".new")
-    checksum = 0
     with fresh.open("wb") as file:
-        for chunk in _chunks(maker, parts):
-            checksum = zlib.crc32(chunk, checksum)
-            file.write(chunk)
+        header = json.dumps({"maker": maker, "parts": _SLICES}).encode() + b"\n"
+        checksum = zlib.crc32(header)
+        file.write(header)
+        for _ in range(_SLICES):
+            for chunk in _chunks((yield)):
+                checksum = zlib.crc32(chunk, checksum)
+                file.write(chunk)
         file.write(b"%08x" % checksum)
         file.flush()
         os.fsync(file.fileno())
     fresh.replace(path)
 
 
-def _chunks(maker: dict[str, float | str], parts: Sequence[Snapshot]) -> Iterator[bytes | memoryview]:
-    yield json.dumps({"maker": maker, "parts": len(parts)}).encode() + b"\n"
-    for part in parts:
-        beside = {name: getattr(part, name) for name in ("ids", "events", "link_events", "misses")}
-        yield json.dumps({"rows": part.rows.tolist(), **beside}).encode() + b"\n"
-        for table in part.tables.values():
-            yield table.view(np.uint8).data
+def _chunks(part: Snapshot) -> Iterator[bytes | memoryview]:
+    beside = {name: getattr(part, name) for name in ("ids", "events", "link_events", "misses")}
+    yield json.dumps({"rows": part.rows.tolist(), **beside}).encode() + b"\n"
+    for table in part.tables.values():
+        yield table.view(np.uint8).data
 
 
 def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
-    """Read what `_write` wrote; `tables` show the types. Raises `OSError`, or `ValueError` where it does not fit."""
+    """Read what `_writing` wrote; `tables` show the types. Raises `OSError`, or `ValueError` where it does not fit."""
     content = path.read_bytes()
     if content[-_CHECKSUM:] != b"%08x" % zlib.crc32(memoryview(content)[:-_CHECKSUM]):
         raise ValueError("damaged")
