@@ -220,7 +220,7 @@ def test_the_trail_reaches_back_150_m_in_bounded_memory(speed: float) -> None:
     oldest = (newest - track["crumb_count"] + 1) % CRUMBS
     assert track["crumbs"][newest, X] - track["crumbs"][oldest, X] >= 150.0
     x_m = np.roll(track["crumbs"][:, X], -int(oldest))[: track["crumb_count"]]
-    assert np.diff(x_m).min() >= CRUMB_SPACING_M
+    assert np.diff(x_m).min() >= CRUMB_SPACING_M - 1e-4
 
 
 def test_a_believed_leap_begins_the_trail_anew_and_keeps_the_odometer() -> None:

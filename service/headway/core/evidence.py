@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from headway.core.batch import I64
 from headway.core.records import READING, Records
@@ -19,7 +20,7 @@ class Memory(NamedTuple):
 
     readings: Records
     """(C, R)"""
-    leaders: I64
+    leaders: NDArray[np.int32]
     """(C, R)"""
     checkpoints: Records
     """(C, 2)"""
@@ -50,7 +51,7 @@ class EvidenceStore:
             raise ValueError(f"evidence needs an even number of readings, at least 2: got {readings}")
         self.memory = Memory(
             np.zeros((bank.size, readings), READING),
-            np.zeros((bank.size, readings), np.int64),
+            np.zeros((bank.size, readings), np.int32),
             np.zeros((bank.size, 2), bank.dtype),
             np.zeros(bank.size, np.int64),
         )
@@ -67,7 +68,7 @@ class EvidenceStore:
         return Evidence(
             checkpoint=checkpoint.copy().view(memory.checkpoints.dtype)[0],
             readings=memory.readings[row, places],
-            leaders=memory.leaders[row, places],
+            leaders=memory.leaders[row, places].astype(np.int64),
         )
 
     def forget(self, rows: I64) -> None:

@@ -87,7 +87,7 @@ TRACK = np.dtype(
         ("base_heading_north", "f8"),
         ("newest_crumb", "i8"),
         ("crumb_count", "i8"),
-        ("crumbs", "f8", (CRUMBS, 3)),  # ring of EAST, NORTH, X
+        ("crumbs", "f4", (CRUMBS, 3)),  # ring of EAST, NORTH, X: to 4 mm after 100 km
     ],
     align=True,
 )

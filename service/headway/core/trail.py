@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
-from headway.core.batch import F64
 from headway.core.geometry import displacement_m
 from headway.core.tracks import CRUMB_SPACING_M, CRUMBS, EAST, NORTH, X
 
@@ -121,7 +121,7 @@ def _continue_straight(
 
 
 @njit(cache=True)
-def _trail_direction(crumbs: F64, newest: int, back: int, oldest_back: int) -> tuple[float, float]:
+def _trail_direction(crumbs: NDArray[np.float32], newest: int, back: int, oldest_back: int) -> tuple[float, float]:
     """Return the unit direction of the trail around the segment that begins `back` crumbs before the newest."""
     newer = (newest - max(back - _BASELINE + 1, 0)) & (CRUMBS - 1)
     older = (newest - min(back + _BASELINE, oldest_back)) & (CRUMBS - 1)
