@@ -13,6 +13,7 @@ from headway.core.config import DetectorConfig
 from headway.core.events import EventLog
 from headway.core.evidence import EvidenceStore
 from headway.core.judges import judges
+from headway.core.kernels import of_first_types
 from headway.core.link import link_said
 from headway.core.names import names
 from headway.core.order import refuse_by_age, waves
@@ -72,6 +73,8 @@ class Engine:
         self.pairs = 0
         """Vehicles that follow somebody, as of the last housekeeping: any thread may read it, unlike the tables."""
         self._filters = self._bank["model"]
+        self._enter, self._conclude = of_first_types(enter), of_first_types(conclude)
+        self._step_batch = of_first_types(self._model.step_batch)
         self._wave_tables = Tables(
             tracks=self._tracks,
             pairing=self._pairing,
@@ -169,10 +172,12 @@ class Engine:
         `wave` are their places in the batch and in `all_rows`, `declared` and `outcomes`, which are of all of it.
         """
         limits = self._limits
-        entered = enter(self._wave_tables, batch, all_rows, declared, wave, limits.max_gap_s, outcomes)
+        entered = self._enter(self._wave_tables, batch, all_rows, declared, wave, limits.max_gap_s, outcomes)
         verdicts = banks.verdicts(entered.rows.size)
-        self._model.step_batch(self._filters, entered.rows, entered.readings, self._model.params, verdicts)
-        done = conclude(self._wave_tables, entered, declared, verdicts, now_us, limits, self._link_params, outcomes)
+        self._step_batch(self._filters, entered.rows, entered.readings, self._model.params, verdicts)
+        done = self._conclude(
+            self._wave_tables, entered, declared, verdicts, now_us, limits, self._link_params, outcomes
+        )
         tally.missed_messages += entered.missed
         tally.leader_changes += done.leader_changes
         tally.nis.append(done.nis)

@@ -99,8 +99,8 @@ class Concluded(NamedTuple):
 
 
 def columns(batch: Batch) -> Columns:
-    """Return the columns of a batch that a wave looks at."""
-    return Columns(*(getattr(batch, name) for name in Columns._fields))
+    """Return the columns of a batch that a wave looks at, contiguous."""
+    return Columns(*(np.ascontiguousarray(getattr(batch, name)) for name in Columns._fields))
 
 
 @njit(cache=True)

@@ -172,8 +172,10 @@ class Shell:
             self._bus.publish(Channel.ALERT, statement.key, statement.payload)
 
     def _tell_rejections(self, decoded: Decoded, arrivals: list[Arrival], result: Turn, now_ns: int) -> None:
+        if not self._bus.wanted(Channel.REJECTED):
+            return
         by_core = np.flatnonzero(result.outcomes > _WARMING)
-        if not ((decoded.rejections or by_core.size) and self._bus.wanted(Channel.REJECTED)):
+        if not (decoded.rejections or by_core.size):
             return
         if now_ns - self._copies_ns >= 1_000_000_000:
             self._copies_ns = now_ns
