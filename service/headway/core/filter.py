@@ -62,8 +62,8 @@ class FilterParams(NamedTuple):
 def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any) -> None:
     """Write g and F P + P F' + Q into `ds` (n,) and `dP` (n, n), for s, P and the input of time `at`."""
     n = s.size
-    x_leader, v_leader, a_leader, length = input_at(row, at)
-    f, f_x, f_v, f_vl = idm(x_leader - s[0] - length, s[1], v_leader, p.idm)
+    rear_leader, v_leader, a_leader = input_at(row, at)
+    f, f_x, f_v, f_vl = idm(rear_leader - s[0], s[1], v_leader, p.idm)
     ds[0] = s[1]
     ds[1] = f
     if n == 3:
@@ -85,7 +85,7 @@ def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any
     dP[1, 1] += p.q_v
     if n == 3:
         dP[2, 2] += p.q_delta
-    if p.delay_jitter_s > 0.0 and not isnan(x_leader):
+    if p.delay_jitter_s > 0.0 and not isnan(rear_leader):
         # stochastic-delay: u is uncertain along its own change, [v_leader, a_leader] kappa; only f_v sees u.
         dP[1, 1] += (p.delay_jitter_s * (-f_x * v_leader + f_vl * a_leader)) ** 2
 
@@ -243,9 +243,9 @@ def begin(row: Any, z: Any, p: FilterParams) -> None:
 def hear_leader(row: Any, z: Any) -> None:
     """Take the leader's newest sample into the input ring; nobody ahead is remembered as well."""
     if isnan(z.leader_t_s):
-        push_input(row, z.t_s, z.leader_t_s, z.leader_t_s, z.leader_t_s)
+        push_input(row, z.t_s, z.leader_t_s, z.leader_t_s)
     else:
-        push_input(row, z.leader_t_s, z.leader_x_m, z.leader_v_mps, z.leader_length_m)
+        push_input(row, z.leader_t_s, z.leader_x_m - z.leader_length_m, z.leader_v_mps)
 
 
 @njit(cache=True)
