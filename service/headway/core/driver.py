@@ -5,8 +5,8 @@ reading k, given the leader of a delay ago and the car's own estimate,
 
     a(t_k) changes by likeness (f_k - f_{k-1})
 
-beside what white jerk adds. A driver who is the model has likeness 1, one of whom it says nothing 0. Only changes
-count: whoever keeps another gap or speed than the model may be as like it as anyone.
+beside what white jerk adds. Likeness is 1 for a driver who is the model, more for one who answers
+harder, 0 for one of whom it says nothing. Only changes count: keeping another gap than the model is not unlike it.
 
 The likeness is learnt by the recursive prediction error method (Ljung and Soderstrom 1983, Theory and Practice of
 Recursive Identification): by how much the innovation of the speed would be another if it were another.
@@ -24,8 +24,7 @@ from headway.core.noise_levels import bounded
 
 OUTLYING = 3.0
 """Standard deviations beyond which an innovation says no more of the likeness."""
-LIKENESS_MOST = 0.999
-"""Nobody is the model: something is always left for jerk and manoeuvres to be scaled by."""
+LIKENESS_MOST = 2.0
 
 
 class Driver(NamedTuple):
@@ -34,11 +33,13 @@ class Driver(NamedTuple):
     idm: IdmParams
     delay_s: float
     change_most_mps2: float
-    """Most that one reading may change what is asked: another car ahead is not felt at once."""
+    """Whatever changes what is asked by more at once is another car ahead: drivers get used to it bit by bit."""
     doubt: float
     """Information (inverse variance) that likeness is 0 before anything is heard,"""
     memory: float
     """and the share of all information that one reading leaves."""
+    announced_step: float
+    """Weight of the newest reading in how much is announced."""
 
 
 def driver_dtype(delay_s: float) -> np.dtype[np.void]:
@@ -49,6 +50,7 @@ def driver_dtype(delay_s: float) -> np.dtype[np.void]:
             ("asked_mps2", "f8"),  # f_k at the newest reading; NaN: nobody ahead
             ("likeness", "f8"),
             ("information", "f8"),  # inverse variance of the likeness
+            ("announced", "f8"),  # mean density of what the car ahead made to be expected, m^2/s^5, as that of jerk
             ("felt_mps", "f8"),  # derivative by likeness of the estimated speed,
             ("felt_mps2", "f8"),  # and of the acceleration
         ],
@@ -72,7 +74,13 @@ def unfeel(driver: Any) -> None:
 
 
 @njit(cache=True)
-def ask(driver: Any, z: Any, x_m: float, v_mps: float, p: Driver) -> float:
+def unforeseen(driver: Any, q: float) -> float:
+    """Return the share that jerk of density `q` has in what changes the acceleration: the rest is announced."""
+    return 1.0 if isnan(driver.asked_mps2) else float(q / (q + driver.announced))
+
+
+@njit(cache=True)
+def ask(driver: Any, z: Any, dt_s: float, x_m: float, v_mps: float, p: Driver) -> float:
     """Return the change of acceleration to expect after a READING, at which the car is estimated to be at x, v."""
     if isnan(z.leader_t_s):
         driver.input_count = 0
@@ -83,11 +91,14 @@ def ask(driver: Any, z: Any, x_m: float, v_mps: float, p: Driver) -> float:
     asked_mps2, _, _, _ = idm(rear_x_m - x_m, v_mps, leader_v_mps, p.idm)
     change = asked_mps2 - driver.asked_mps2
     driver.asked_mps2 = asked_mps2
-    if isnan(change):
+    if not abs(change) <= p.change_most_mps2:
+        driver.announced = 0.0
         return 0.0
-    change = bounded(change, -p.change_most_mps2, p.change_most_mps2)
     driver.felt_mps2 += change
-    return float(driver.likeness * change)
+    change *= driver.likeness
+    if dt_s > 0.0:
+        driver.announced += p.announced_step * (change**2 / dt_s - driver.announced)
+    return float(change)
 
 
 @njit(cache=True)

@@ -19,7 +19,7 @@ from headway.core.budget import TAIL, Budget, false_alarms_per_hour, gate, learn
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.diagnose import name_lie, name_past_lie
-from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unfeel
+from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unfeel, unforeseen
 from headway.core.hypotheses import (
     FINDING,
     HEALTHY,
@@ -151,7 +151,9 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
         wrong_share=0.5,
         caution=28.0,
         settled_readings=100.0,
-        driver=Driver(IdmParams(), config.delay_s, change_most_mps2=1.0, doubt=60.0, memory=0.9995),
+        driver=Driver(
+            IdmParams(), config.delay_s, change_most_mps2=1.0, doubt=60.0, memory=0.9995, announced_step=0.002
+        ),
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
     )
@@ -187,7 +189,6 @@ def log_odds(lies: float, honest: float) -> float:
 def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     """Judge one reading (READING) against one row (`headway_dtype`), in place, and write the VERDICT."""
     levels, driver, w, found, reading, mean = row.levels, row.driver, row.w, room.found, room.reading, room.mean
-    unforeseen = 1.0 - driver.likeness
     nu, cov, ended = found.nu, found.S, found.ended
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
@@ -201,7 +202,9 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
         reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps
     else:
         reading[LOCATION], reading[SPEED] = z.x_m - row.slipped_m, z.v_mps
-        verdict.repaired = judge(row, dt_s, reading, levels.r, levels.q, levels.walk, unforeseen, p.hypotheses, found)
+        verdict.repaired = judge(
+            row, dt_s, reading, levels.r, levels.q, levels.walk, unforeseen(driver, levels.q), p.hypotheses, found
+        )
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
     lies, over_now = 1.0 - w[HEALTHY] if w[HEALTHY] < 0.5 else w[1:].sum(), ended.sum()
@@ -234,7 +237,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     if not verdict.warming and levels.learnt > p.settled_readings:
         learn(row.tail, lied_just_now, verdict.anomalous, dt_s, p.budget)
     if dt_s > 0.0 and w[HEALTHY] > (TRUSTED if levels.learnt > p.settled_readings else TRUSTED_EARLY):
-        learn_levels(levels, dt_s, row.a_mps2, nu, cov, unforeseen, p.levels)
+        learn_levels(levels, dt_s, row.a_mps2, nu, cov, unforeseen(driver, levels.q), p.levels)
         k_v, k_a = row.one[VV, HEALTHY] / levels.r[SPEED], row.one[VA, HEALTHY] / levels.r[SPEED]
         learn_likeness(driver, dt_s, nu[SPEED], cov[2], k_v, k_a, p.driver)
     else:
@@ -242,7 +245,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
         unfeel(driver)
     if relent(row, mean, reading, dt_s, p):
         verdict.restarted = True
-    change_mps2 = ask(driver, z, verdict.x_m, verdict.v_mps, p.driver)
+    change_mps2 = ask(driver, z, dt_s, verdict.x_m, verdict.v_mps, p.driver)
     push(row, change_mps2)
     row.a_mps2 = mean[A] + change_mps2
 
