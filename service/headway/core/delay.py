@@ -83,12 +83,12 @@ def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
 
 @njit(cache=True)
 def own_at(row: Any, t: float, s: Any, P: Any) -> None:
-    """Write estimate and covariance of time `t` into `s` (n,) and `P` (n, n).
+    """Write estimate and covariance of time `t` into the first n of `s` and `P`.
 
     Before the first entry the car is taken to have kept its first speed; after the newest, the newest holds.
     """
     i, j, w = bracket(row.own_t, row.own_count, t)
-    n = s.size
+    n = row.s.size
     for a in range(n):
         s[a] = (1.0 - w) * row.own_s[i, a] + w * row.own_s[j, a]
         for b in range(n):
