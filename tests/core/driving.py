@@ -5,7 +5,7 @@ from numba import njit
 
 from headway.core.bank import readings, verdicts
 from headway.core.config import DetectorConfig
-from headway.core.imm import HEADWAY, headway_params, step_row
+from headway.core.imm import headway_dtype, headway_params, step_row
 
 NOISE = 0.01
 
@@ -28,7 +28,8 @@ def along(row, read, p, judged):
 
 def judge(read, row=None, **config):
     """Return the verdicts of a drive, and the row after it."""
-    bank = np.zeros(1, HEADWAY) if row is None else row
+    settled = DetectorConfig(**config)
+    bank = np.zeros(1, headway_dtype(settled.delay_s)) if row is None else row
     judged = verdicts(len(read))
-    along(bank[0], read, headway_params(DetectorConfig(**config)), judged)
+    along(bank[0], read, headway_params(settled), judged)
     return judged, bank

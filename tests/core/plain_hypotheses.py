@@ -157,7 +157,7 @@ def begun(healthy, name, h, z, r, suspected, p):
     return accused(without, sensor, z[sensor], r[sensor]) if "bias" in name else without
 
 
-def step(parts, h, z, r, q, walk, p, calm_at, calm_nis):
+def step(parts, h, z, r, q, walk, unforeseen, p, calm_at, calm_nis):
     """Return what is thought after a reading `z` (2,), Gaussians in the order of NAMES with weights summing to 1,
     and the weight of each having been true until now."""
     fault, over = min(0.1, p.faults_per_s * h), 1.0 - np.exp(-h / p.fault_s)
@@ -179,12 +179,14 @@ def step(parts, h, z, r, q, walk, p, calm_at, calm_nis):
     for name in NAMES[1:]:
         if lies(name) == 1:
             after[name] = mixed([after[name], begun(prior[HEALTHY], name, h, z, r, suspected, p)])
-    lively = prior[HEALTHY].times(p.manoeuvre)
+    manoeuvre = unforeseen * p.manoeuvre
+    lively = prior[HEALTHY].times(manoeuvre)
     jump = p.standstill_jump_mps**2 * np.exp(-0.5 * (lively.mean[1] / p.standstill_mps) ** 2)
     g = np.array([0.5 * h, 1.0, 0.0, 0.0, 0.0])
-    lively.cov = lively.cov + jerk_noise(h, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least) + jump * np.outer(g, g)
+    more = q * (p.manoeuvre_jerk - 1.0) + unforeseen * p.manoeuvre_least
+    lively.cov = lively.cov + jerk_noise(h, more) + jump * np.outer(g, g)
     lively.cov[2, 2] += jump / h
-    sources = [after[HEALTHY].times(1.0 - p.manoeuvre), heard(lively, HEALTHY, z, r, p.spread)]
+    sources = [after[HEALTHY].times(1.0 - manoeuvre), heard(lively, HEALTHY, z, r, p.spread)]
 
     nu = z - prior[HEALTHY].mean[:2]
     nis = nu @ np.linalg.solve(prior[HEALTHY].cov[:2, :2] + np.diag(r), nu)

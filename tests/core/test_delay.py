@@ -55,7 +55,7 @@ def test_uneven_intervals_are_met_at_their_own_times(row) -> None:
 def test_a_ring_reaches_back_tau_however_often_the_sender_speaks(row, interval_s: float) -> None:
     for k in range(int(20.0 / interval_s)):
         remember(row, k * interval_s, 10.0 * k * interval_s, 10.0)
-        push_input(row, k * interval_s, 10.0 * k * interval_s, 10.0, 5.0)
+        push_input(row, k * interval_s, 10.0 * k * interval_s, 10.0)
     now = row.own_t.max()
     oldest = max(0.0, row.own_t.min())
     assert now - oldest >= DELAY_S
@@ -77,40 +77,40 @@ def test_a_dense_sender_is_thinned_and_a_nominal_one_kept_whole(row) -> None:
 
 def test_a_leader_that_changes_leaves_the_past_as_it_was(row) -> None:
     for k in range(10):
-        push_input(row, 0.1 * k, 100.0 + k, 10.0, 5.0)
+        push_input(row, 0.1 * k, 100.0 + k, 10.0)
     for k in range(10, 15):
-        push_input(row, 0.1 * k, 40.0 + k, 12.0, 16.0)
-    assert input_at(row, 0.45) == pytest.approx((104.5, 10.0, 0.0, 5.0))
-    assert input_at(row, 1.35) == pytest.approx((53.5, 12.0, 0.0, 16.0))
+        push_input(row, 0.1 * k, 40.0 + k, 12.0)
+    assert input_at(row, 0.45) == pytest.approx((104.5, 10.0, 0.0))
+    assert input_at(row, 1.35) == pytest.approx((53.5, 12.0, 0.0))
 
 
 def test_the_leaders_acceleration_is_the_slope_of_his_speed(row) -> None:
-    push_input(row, 0.0, 0.0, 10.0, 5.0)
-    push_input(row, 0.2, 2.0, 10.5, 5.0)
-    assert input_at(row, 0.1) == pytest.approx((1.0, 10.25, 2.5, 5.0))
+    push_input(row, 0.0, 0.0, 10.0)
+    push_input(row, 0.2, 2.0, 10.5)
+    assert input_at(row, 0.1) == pytest.approx((1.0, 10.25, 2.5))
 
 
 def test_outside_the_ring_the_leader_kept_his_speed(row) -> None:
-    push_input(row, 1.0, 10.0, 8.0, 5.0)
-    assert input_at(row, 0.0) == pytest.approx((2.0, 8.0, 0.0, 5.0))
-    assert input_at(row, 1.5) == pytest.approx((14.0, 8.0, 0.0, 5.0))
+    push_input(row, 1.0, 10.0, 8.0)
+    assert input_at(row, 0.0) == pytest.approx((2.0, 8.0, 0.0))
+    assert input_at(row, 1.5) == pytest.approx((14.0, 8.0, 0.0))
 
 
 def test_nobody_ahead_is_not_a_number_now_and_in_memory(row) -> None:
     assert all(map(isnan, input_at(row, 0.0)))
-    push_input(row, 0.0, 10.0, 8.0, 5.0)
-    push_input(row, 0.1, 10.8, 8.0, 5.0)
-    push_input(row, 0.2, np.nan, np.nan, np.nan)
+    push_input(row, 0.0, 10.0, 8.0)
+    push_input(row, 0.1, 10.8, 8.0)
+    push_input(row, 0.2, np.nan, np.nan)
     assert input_at(row, 0.05)[0] == pytest.approx(10.4)
     assert all(isnan(input_at(row, t)[0]) for t in (0.15, 0.2, 0.3))
 
 
 def test_a_leader_sample_that_is_not_newer_is_ignored(row) -> None:
-    push_input(row, 1.0, 10.0, 8.0, 5.0)
+    push_input(row, 1.0, 10.0, 8.0)
     for late in (1.0, 0.9):
-        push_input(row, late, 99.0, 99.0, 99.0)
+        push_input(row, late, 99.0, 99.0)
     assert row.input_count == 1
-    assert input_at(row, 1.0) == (10.0, 8.0, 0.0, 5.0)
+    assert input_at(row, 1.0) == (10.0, 8.0, 0.0)
 
 
 def test_a_longer_delay_has_more_slots() -> None:

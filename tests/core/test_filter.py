@@ -12,11 +12,12 @@ from headway.core.bank import readings, verdicts
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.delay import push_own
-from headway.core.filter import P_FLOOR, begin, guard, predict, step_batch, step_row
+from headway.core.filter import P_FLOOR, ROOM, begin, guard, predict, step_batch, step_row
 from headway.core.models import paper_dtype, paper_params
 
 ORDERS = {"ekf": 2, "aekf": 3}
 DELAY_MAX_S = 5.0
+SPACE = np.zeros(1, ROOM)[0]
 FREE_LINEAR = IdmParams(a_mps2=1.0, delta=1.0, v0_mps=2.0)
 """On a free road with delta = 1, f_v = a - (a / v0) v."""
 
@@ -137,7 +138,7 @@ def test_the_delayed_equation_is_solved_by_the_method_of_steps() -> None:
     x = 0.0
     for i, piece in enumerate(pieces[1:], start=1):
         x += pieces[i - 1].integ()(tau)
-        predict(bank[0], i * tau, params(delay_s=tau, idm=FREE_LINEAR))
+        predict(bank[0], i * tau, params(delay_s=tau, idm=FREE_LINEAR), SPACE)
         push_own(bank[0], i * tau)
         exact = 1e-12 if i <= 2 else 5e-4
         assert bank[0]["s"] == pytest.approx([x, piece(tau)], abs=exact)
@@ -149,7 +150,7 @@ def test_the_delayed_covariance_grows_straight_for_the_first_tau() -> None:
     p = params(delay_s=tau, idm=FREE_LINEAR)
     bank = fresh()
     begin(bank[0], reading(0.0, 0.0, 1.0)[0], p)
-    predict(bank[0], tau, p)
+    predict(bank[0], tau, p, SPACE)
     F = np.array([[0.0, 1.0], [0.0, -0.5]])
     assert bank[0]["P"] == pytest.approx(np.eye(2) + tau * (F + F.T + np.diag([p.q_x, p.q_v])), abs=1e-12)
 
@@ -182,7 +183,7 @@ def test_a_rejected_reading_leaves_the_prediction() -> None:
     for k in range(30):
         step(bank, reading(0.1 * k, 1.5 * k, 15.0), p)
     alone = bank.copy()
-    predict(alone[0], 3.0, p)
+    predict(alone[0], 3.0, p, SPACE)
     verdict = step(bank, reading(3.0, 145.0, 15.0), p)
     assert verdict["anomalous"]
     assert bank[0]["s"] == pytest.approx(alone[0]["s"], abs=0.0)

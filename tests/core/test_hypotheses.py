@@ -39,8 +39,8 @@ class Kernel:
     def w(self):
         return self.row["w"]
 
-    def step(self, h, z):
-        judge(self.row, h, np.asarray(z), R, Q, WALK, P, self.found)
+    def step(self, h, z, unforeseen=1.0):
+        judge(self.row, h, np.asarray(z), R, Q, WALK, unforeseen, P, self.found)
 
 
 def gaussians(kernel):
@@ -72,8 +72,9 @@ def readings(rng, kind, n=60):
     return t_s, z
 
 
+@pytest.mark.parametrize("unforeseen", [1.0, 0.1])
 @pytest.mark.parametrize("kind", ["honest", "bias", "drift", "noise", "two", "negative"])
-def test_every_step_agrees_with_the_plain_twin(kind: str) -> None:
+def test_every_step_agrees_with_the_plain_twin(kind: str, unforeseen: float) -> None:
     """From the same state each time, so that rounding does not add up where two hypotheses are neck and neck."""
     t_s, z = readings(np.random.default_rng(4), kind)
     came = np.arange(len(t_s)) % 7 != 5
@@ -81,8 +82,8 @@ def test_every_step_agrees_with_the_plain_twin(kind: str) -> None:
     kernel = Kernel(*z[0])
     for k in range(1, len(t_s)):
         h = float(t_s[k] - t_s[k - 1])
-        expected, ended = plain.step(gaussians(kernel), h, z[k], R, Q, WALK, P, CALM, CALM_NIS)
-        kernel.step(h, z[k])
+        expected, ended = plain.step(gaussians(kernel), h, z[k], R, Q, WALK, unforeseen, P, CALM, CALM_NIS)
+        kernel.step(h, z[k], unforeseen)
         np.testing.assert_allclose(kernel.found["ended"], ended, rtol=1e-4, atol=1e-8, err_msg=str(k))
         for got, wanted, name in zip(gaussians(kernel), expected, plain.NAMES, strict=True):
             assert got.weight == pytest.approx(wanted.weight, rel=1e-4, abs=1e-8), (k, name)
@@ -146,7 +147,7 @@ def test_a_drift_that_went_unnoticed_is_recognised_as_it_ends(seed: int) -> None
     begin_all(row, *z[0], R, P)
     suspected = []
     for k in range(1, len(t_s)):
-        judge(row, 0.1, z[k], R, 0.03, 0.001, P, found)
+        judge(row, 0.1, z[k], R, 0.03, 0.001, 1.0, P, found)
         suspected.append(suspicion(row["w"])[1])
         if k == 40:
             assert found["ended"].argmax() == DRIFT_V

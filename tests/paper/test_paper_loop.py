@@ -5,7 +5,7 @@ import pytest
 
 from headway.core.bank import verdicts
 from headway.core.delay import own_at
-from headway.core.filter import innovate, predict
+from headway.core.filter import ROOM, innovate, predict
 from headway.core.models import paper_dtype
 from headway_loadtest.evaluate.paper_follower import corrupt, drive
 from headway_loadtest.evaluate.paper_leader import Leader
@@ -35,7 +35,7 @@ def row_after(leader: Leader, model: str, samples: int):
 @pytest.mark.parametrize("model", ["ekf", "aekf"])
 def test_the_oracle_leaves_no_innovation_to_the_truth(leader: Leader, model: str) -> None:
     bank, p = row_after(leader, model, 100)
-    predict(bank[0], 10.1, p)
+    predict(bank[0], 10.1, p, np.zeros(1, ROOM)[0])
     before = bank[0]["P"].copy()
     stand_in_truth(bank[0], 70.0, 12.0, p)
     nu_x, nu_v, *_ = innovate(bank[0], 70.0, 12.0, p)

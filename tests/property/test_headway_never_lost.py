@@ -8,9 +8,10 @@ from numba import njit
 from headway.core.bank import readings, verdicts
 from headway.core.config import DetectorConfig
 from headway.core.hypotheses import CALM, HEALTHY, SINGLE
-from headway.core.imm import HEADWAY, headway_params, step_row
+from headway.core.imm import headway_dtype, headway_params, step_row
 
-P = headway_params(DetectorConfig(alarm_budget_per_hour=0.1))
+CONFIG = DetectorConfig(alarm_budget_per_hour=0.1)
+P, ROW = headway_params(CONFIG), headway_dtype(CONFIG.delay_s)
 AFTER = 600
 """Honest readings: a minute, in whose last ten seconds all is well. Garbage teaches noise that is to be unlearnt."""
 FALSE_ALARMS = 1
@@ -21,7 +22,8 @@ LONGEST = 26
 interval_s = st.one_of(st.just(0.1), st.floats(1e-3, 6.0))
 location_m = st.one_of(st.floats(-1e6, 1e6), st.floats(-5.0, 5.0))
 speed_mps = st.one_of(st.floats(-10.0, 100.0), st.floats(9.0, 11.0))
-garbage = st.lists(st.tuples(interval_s, location_m, speed_mps), min_size=1, max_size=80)
+leader = st.one_of(st.just((np.nan, np.nan, np.nan)), st.tuples(st.floats(-1.0, 1.0), location_m, speed_mps))
+garbage = st.lists(st.tuples(interval_s, location_m, speed_mps, leader), min_size=1, max_size=80)
 TRIANGLE = np.triu_indices(5)
 
 
@@ -33,16 +35,20 @@ def along(row, read, p, judged):
 
 def batch(sent):
     made = readings(len(sent))
-    made["t_s"] = np.cumsum([interval for interval, _, _ in sent])
-    made["x_m"] = [x_m for _, x_m, _ in sent]
-    made["v_mps"] = [v_mps for _, _, v_mps in sent]
+    made["t_s"] = np.cumsum([interval for interval, _, _, _ in sent])
+    made["x_m"] = [x_m for _, x_m, _, _ in sent]
+    made["v_mps"] = [v_mps for _, _, v_mps, _ in sent]
+    made["leader_t_s"] = made["t_s"] + [age_s for _, _, _, (age_s, _, _) in sent]
+    made["leader_x_m"] = [x_m for _, _, _, (_, x_m, _) in sent]
+    made["leader_v_mps"] = [v_mps for _, _, _, (_, _, v_mps) in sent]
+    made["leader_length_m"] = 5.0
     return made
 
 
 @settings(max_examples=150, deadline=None)
 @given(sent=garbage)
 def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
-    bank = np.zeros(1, HEADWAY)
+    bank = np.zeros(1, ROW)
     for z in batch(sent):
         verdict = verdicts(1)
         step_row(bank[0], z, P, verdict[0])
@@ -68,7 +74,7 @@ def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
 @given(sent=garbage, seed=st.integers(0, 1000))
 def test_after_any_garbage_honest_readings_bring_it_back(sent, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    bank = np.zeros(1, HEADWAY)
+    bank = np.zeros(1, ROW)
     read = batch(sent)
     along(bank[0], read, P, verdicts(len(read)))
     honest = readings(AFTER)

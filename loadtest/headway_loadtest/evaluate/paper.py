@@ -199,7 +199,7 @@ def _compile(task: Task) -> None:
     leader, protocol, delay_s, seed = task
     short = Leader(leader.x_m[:SAMPLES_MIN], leader.v_mps[:SAMPLES_MIN])
     follower = drive(short, delay_s, 0.0, seed)
-    default_aucs({1.0: corrupt(follower, 1.0, seed)})
+    default_aucs({1.0: corrupt(follower, 1.0, seed)}, delay_s)
     for model in MODELS:
         run(model, params(model, delay_s), follower, follower.readings, protocol.recovery, protocol.history)
 
@@ -214,7 +214,7 @@ def _part(task: Task) -> Part:
         for severity, corrupted in by_severity.items()
     }
     clean = {model: _clean(model, delay_s, protocol, follower) for model in MODELS}
-    return Part(delay_s, rocs, clean, default_aucs(by_severity))
+    return Part(delay_s, rocs, clean, default_aucs(by_severity, delay_s))
 
 
 def _roc(model: str, delay_s: float, protocol: Protocol, follower: Follower, corrupted: Corrupted) -> roc.Roc:

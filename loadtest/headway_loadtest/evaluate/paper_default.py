@@ -1,4 +1,4 @@
-"""The service's default model on the published experiment: same followers, same lies, no oracle and no IDM.
+"""The service's default model on the published experiment: same followers, same lies, same delay, and no oracle.
 
 A rejected reading is never learnt from, here as in the service, and the model has no gate to turn: its statistic, the
 log odds of a lie, is the same whatever is done with it. So its ROC needs one run, and its AUC is that of the statistic.
@@ -17,9 +17,9 @@ from headway_loadtest.evaluate.paper_follower import Corrupted
 NAME = "headway"
 
 
-def default_aucs(by_severity: Mapping[float, Corrupted]) -> dict[float, float]:
+def default_aucs(by_severity: Mapping[float, Corrupted], delay_s: float) -> dict[float, float]:
     """Return the AUC by severity for one follower's drive, its lies of each severity judged side by side."""
-    model = build(DetectorConfig(model=NAME))
+    model = build(DetectorConfig(model=NAME, delay_s=delay_s))
     told = np.stack([corrupted.readings for corrupted in by_severity.values()], axis=1)
     n, m = told.shape
     judged = verdicts(n * m).reshape(n, m)

@@ -17,7 +17,7 @@ from numba import njit
 from headway.core.bank import verdicts
 from headway.core.config import DetectorConfig
 from headway.core.delay import push_own
-from headway.core.filter import FilterParams, innovate, step_row, update
+from headway.core.filter import ROOM, FilterParams, innovate, step_row, update
 from headway.core.models import paper_dtype, paper_params
 from headway.core.records import Records
 from headway_loadtest.evaluate.paper_follower import Follower
@@ -89,7 +89,7 @@ def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams) -> None:
     Who knows the truth need not begin anew: the rejections are forgotten.
     """
     nu_x, nu_v, s_xx, s_xv, s_vv, _ = innovate(row, x_m, v_mps, p)
-    update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p)
+    update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, np.zeros(1, ROOM)[0])
     row.s[0] = x_m - row.s[2] if row.s.size == 3 else x_m
     row.s[1] = v_mps
     row.rejections = 0

@@ -34,6 +34,13 @@ class IdmParams(NamedTuple):
 
 
 @njit(cache=True)
+def power(base: float, exponent: float) -> float:
+    """Return base ** exponent; for the usual exponent of 4 without the library's, which is a third of all of `idm`."""
+    square = base * base
+    return square * square if exponent == 4.0 else float(base**exponent)
+
+
+@njit(cache=True)
 def idm(gap_m: float, v_mps: float, v_leader_mps: float, p: IdmParams) -> tuple[float, float, float, float]:
     """Return f_v and its gradient (df/dx, df/dv, df/dv_leader), in m/s^2 per m and per m/s; df/dx_leader = -df/dx.
 
@@ -42,7 +49,7 @@ def idm(gap_m: float, v_mps: float, v_leader_mps: float, p: IdmParams) -> tuple[
     """
     a = p.a_mps2
     v = max(v_mps, 0.0)
-    free = (v / p.v0_mps) ** p.delta
+    free = power(v / p.v0_mps, p.delta)
     f = a * (1.0 - free)
     df_dv = -a * p.delta * free / v if v > 0.0 else 0.0
     if isnan(gap_m):
@@ -50,11 +57,12 @@ def idm(gap_m: float, v_mps: float, v_leader_mps: float, p: IdmParams) -> tuple[
     d = max(gap_m, GAP_FLOOR_M)
     c = 1.0 / (2.0 * sqrt(a * p.b_mps2))
     s_star = p.s0_m + v * p.T_s + v * (v - v_leader_mps) * c
-    f -= a * (s_star / d) ** 2
+    near = s_star / d
+    f -= a * near * near
     if f < BRAKING_LIMIT_MPS2:
         return BRAKING_LIMIT_MPS2, 0.0, 0.0, 0.0
-    slope = 2.0 * a * s_star / (d * d)
-    df_dx = -slope * s_star / d if gap_m > GAP_FLOOR_M else 0.0
+    slope = 2.0 * a * near / d
+    df_dx = -slope * near if gap_m > GAP_FLOOR_M else 0.0
     if v > 0.0:
         df_dv -= slope * (p.T_s + (2.0 * v - v_leader_mps) * c)
     return f, df_dx, df_dv, slope * v * c

@@ -1,7 +1,8 @@
 """Delay buffers: what the estimate, its covariance and the input were, tau seconds ago.
 
-Each bank row carries two rings of its own, contiguous with its state: `own_*` holds (t, s, P) and `input_*` holds
-(t, u, leader length). Both are read by linear interpolation; this is the past that the method of steps needs.
+A bank row may carry two rings of its own, contiguous with its state: `own_*` holds (t, s, P) and `input_*` holds
+(t, u), with u the location of the leader's rear and its speed. Both are read by linear interpolation; this is the past
+that the method of steps needs.
 A leader that changes leaves the past as it was: the driver did see the other car then.
 """
 
@@ -19,6 +20,12 @@ SPARE = 4
 def slots(delay_s: float) -> int:
     """Return how many entries a ring needs to reach back `delay_s`."""
     return SPARE + ceil(delay_s / SPACING_S)
+
+
+def input_ring(delay_s: float) -> list[tuple[str, str] | tuple[str, str, tuple[int, ...]]]:
+    """Return the fields of a record whose ring of inputs reaches back `delay_s`."""
+    k = slots(delay_s)
+    return [("input_count", "i8"), ("input_t", "f8", (k,)), ("input_u", "f8", (k, 2))]
 
 
 @njit(cache=True)
@@ -45,7 +52,7 @@ def push_own(row: Any, t: float) -> None:
 
 
 @njit(cache=True)
-def push_input(row: Any, t: float, x_m: float, v_mps: float, length_m: float) -> None:
+def push_input(row: Any, t: float, rear_x_m: float, v_mps: float) -> None:
     """Remember the leader's sample, under its own time stamp; older ones than the newest are ignored."""
     if row.input_count > 0 and t <= row.input_t[(row.input_count - 1) % row.input_t.size]:
         return
@@ -53,9 +60,8 @@ def push_input(row: Any, t: float, x_m: float, v_mps: float, length_m: float) ->
     row.input_count = at + 1
     k = at % row.input_t.size
     row.input_t[k] = t
-    row.input_u[k, 0] = x_m
+    row.input_u[k, 0] = rear_x_m
     row.input_u[k, 1] = v_mps
-    row.input_length[k] = length_m
 
 
 @njit(cache=True)
@@ -77,12 +83,12 @@ def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
 
 @njit(cache=True)
 def own_at(row: Any, t: float, s: Any, P: Any) -> None:
-    """Write estimate and covariance of time `t` into `s` (n,) and `P` (n, n).
+    """Write estimate and covariance of time `t` into the first n of `s` and `P`.
 
     Before the first entry the car is taken to have kept its first speed; after the newest, the newest holds.
     """
     i, j, w = bracket(row.own_t, row.own_count, t)
-    n = s.size
+    n = row.s.size
     for a in range(n):
         s[a] = (1.0 - w) * row.own_s[i, a] + w * row.own_s[j, a]
         for b in range(n):
@@ -92,18 +98,18 @@ def own_at(row: Any, t: float, s: Any, P: Any) -> None:
 
 
 @njit(cache=True)
-def input_at(row: Any, t: float) -> tuple[float, float, float, float]:
-    """Return (x_leader, v_leader, a_leader, leader length) at time `t`; NaN where nobody was ahead.
+def input_at(row: Any, t: float) -> tuple[float, float, float]:
+    """Return (location of the leader's rear, v_leader, a_leader) at time `t`; NaN where nobody was ahead.
 
     Outside the ring the leader keeps its speed. a_leader is the slope of v_leader between the two entries around `t`.
     """
     if row.input_count == 0:
-        return float("nan"), float("nan"), float("nan"), float("nan")
+        return float("nan"), float("nan"), float("nan")
     i, j, w = bracket(row.input_t, row.input_count, t)
     if i == j:
         x, v = row.input_u[i, 0], row.input_u[i, 1]
-        return x + v * (t - row.input_t[i]), v, 0.0, row.input_length[i]
+        return x + v * (t - row.input_t[i]), v, 0.0
     x = (1.0 - w) * row.input_u[i, 0] + w * row.input_u[j, 0]
     v = (1.0 - w) * row.input_u[i, 1] + w * row.input_u[j, 1]
     a = (row.input_u[j, 1] - row.input_u[i, 1]) / (row.input_t[j] - row.input_t[i])
-    return x, v, a, row.input_length[j]
+    return x, v, a

@@ -13,7 +13,7 @@ with tau = 0 they are an ordinary equation and the classical Runge-Kutta rule do
 not keep P positive definite: `guard` mends it and says so.
 """
 
-from math import ceil, exp, isnan
+from math import ceil, exp, isnan, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -58,12 +58,28 @@ class FilterParams(NamedTuple):
     """After so many rejections in a row the filter begins anew from the reading, so that it is never locked out."""
 
 
+ROOM = np.dtype(
+    [
+        ("s", "f8", (3,)),
+        ("P", "f8", (3, 3)),
+        ("ds", "f8", (3,)),
+        ("dP", "f8", (3, 3)),
+        ("sum_s", "f8", (3,)),
+        ("sum_P", "f8", (3, 3)),
+        ("PH", "f8", (3, 2)),
+        ("K", "f8", (3, 2)),
+    ],
+    align=True,
+)
+"""What a step works in, for a state of at most three. Parts of a record are not counted references, as arrays are."""
+
+
 @njit(cache=True)
 def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any) -> None:
-    """Write g and F P + P F' + Q into `ds` (n,) and `dP` (n, n), for s, P and the input of time `at`."""
-    n = s.size
-    x_leader, v_leader, a_leader, length = input_at(row, at)
-    f, f_x, f_v, f_vl = idm(x_leader - s[0] - length, s[1], v_leader, p.idm)
+    """Write g and F P + P F' + Q into the first n of `ds` and `dP`, for s, P and the input of time `at`."""
+    n = row.s.size
+    rear_leader, v_leader, a_leader = input_at(row, at)
+    f, f_x, f_v, f_vl = idm(rear_leader - s[0], s[1], v_leader, p.idm)
     ds[0] = s[1]
     ds[1] = f
     if n == 3:
@@ -85,7 +101,7 @@ def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any
     dP[1, 1] += p.q_v
     if n == 3:
         dP[2, 2] += p.q_delta
-    if p.delay_jitter_s > 0.0 and not isnan(x_leader):
+    if p.delay_jitter_s > 0.0 and not isnan(rear_leader):
         # stochastic-delay: u is uncertain along its own change, [v_leader, a_leader] kappa; only f_v sees u.
         dP[1, 1] += (p.delay_jitter_s * (-f_x * v_leader + f_vl * a_leader)) ** 2
 
@@ -97,10 +113,11 @@ def guard(P: Any) -> bool:
     A covariance that has outgrown `P_CEILING` (a long gap behind a very close leader) knows nothing: it begins anew.
     """
     n = P.shape[0]
-    for entry in P.flat:
-        if not abs(entry) < P_CEILING:  # nor is infinity, nor what is no number
-            P[:, :] = P_CEILING * np.eye(n)
-            return True
+    for a in range(n):
+        for b in range(n):
+            if not abs(P[a, b]) < P_CEILING:  # nor is infinity, nor what is no number
+                P[:, :] = P_CEILING * np.eye(n)
+                return True
     for a in range(n):
         for b in range(a):
             mean = 0.5 * (P[a, b] + P[b, a])
@@ -125,7 +142,16 @@ def guard(P: Any) -> bool:
 
 
 @njit(cache=True)
-def predict(row: Any, t_s: float, p: FilterParams) -> bool:
+def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None:
+    """Add weighted rates to their sums."""
+    for a in range(n):
+        sum_s[a] += weight * ds[a]
+        for b in range(n):
+            sum_P[a, b] += weight * dP[a, b]
+
+
+@njit(cache=True)
+def predict(row: Any, t_s: float, p: FilterParams, space: Any) -> bool:
     """Carry s and P of the row from row.t_s to `t_s`; return whether the covariance guard had to act."""
     n = row.s.size
     tau = p.delay_s
@@ -133,13 +159,17 @@ def predict(row: Any, t_s: float, p: FilterParams) -> bool:
     steps = min(SUBSTEPS_MAX, max(1, ceil((t_s - row.t_s) / longest - 1e-6)))
     h = (t_s - row.t_s) / steps
     start = row.t_s
-    s, P = np.empty(n), np.empty((n, n))
-    ds, dP = np.zeros(n), np.zeros((n, n))
-    sum_s, sum_P = np.empty(n), np.empty((n, n))
+    s, P, ds, dP, sum_s, sum_P = space.s, space.P, space.ds, space.dP, space.sum_s, space.sum_P
+    for a in range(n):
+        ds[a] = 0.0
+        for b in range(n):
+            dP[a, b] = 0.0
     for step in range(steps):
         t = start + step * h
-        sum_s[:] = 0.0
-        sum_P[:, :] = 0.0
+        for a in range(n):
+            sum_s[a] = 0.0
+            for b in range(n):
+                sum_P[a, b] = 0.0
         if tau == 0.0:
             for stage in range(4):
                 c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
@@ -149,16 +179,14 @@ def predict(row: Any, t_s: float, p: FilterParams) -> bool:
                         P[a, b] = row.P[a, b] + c * h * dP[a, b]
                 rates(row, t + c * h, s, P, p, ds, dP)
                 weight = 1.0 if stage in (0, 3) else 2.0
-                sum_s += weight * ds
-                sum_P += weight * dP
+                add(n, sum_s, sum_P, weight, ds, dP)
         else:
             for stage in range(3):
                 at = t + 0.5 * stage * h - tau
                 own_at(row, at, s, P)
                 rates(row, at, s, P, p, ds, dP)
                 weight = 4.0 if stage == 1 else 1.0
-                sum_s += weight * ds
-                sum_P += weight * dP
+                add(n, sum_s, sum_P, weight, ds, dP)
         for a in range(n):
             row.s[a] += h / 6.0 * sum_s[a]
             for b in range(n):
@@ -204,22 +232,23 @@ def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> tuple[float, 
 
 
 @njit(cache=True)
-def update(row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams) -> bool:
+def update(
+    row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams, space: Any
+) -> bool:
     """K = P H' S^-1; s += K nu; P -= K S K'. Return whether the covariance guard had to act."""
     n = row.s.size
     det = s_xx * schur(s_xx, s_xv, s_vv, p.r_v)
     i_xx, i_xv, i_vv = s_vv / det, -s_xv / det, s_xx / det
-    C = np.empty((n, 2))
-    K = np.empty((n, 2))
+    PH, K = space.PH, space.K
     for a in range(n):
-        C[a, 0] = row.P[a, 0] + row.P[a, 2] if n == 3 else row.P[a, 0]
-        C[a, 1] = row.P[a, 1]
-        K[a, 0] = C[a, 0] * i_xx + C[a, 1] * i_xv
-        K[a, 1] = C[a, 0] * i_xv + C[a, 1] * i_vv
+        PH[a, 0] = row.P[a, 0] + row.P[a, 2] if n == 3 else row.P[a, 0]
+        PH[a, 1] = row.P[a, 1]
+        K[a, 0] = PH[a, 0] * i_xx + PH[a, 1] * i_xv
+        K[a, 1] = PH[a, 0] * i_xv + PH[a, 1] * i_vv
     for a in range(n):
         row.s[a] += K[a, 0] * nu_x + K[a, 1] * nu_v
         for b in range(n):
-            row.P[a, b] -= K[a, 0] * C[b, 0] + K[a, 1] * C[b, 1]
+            row.P[a, b] -= K[a, 0] * PH[b, 0] + K[a, 1] * PH[b, 1]
     return guard(row.P)
 
 
@@ -243,9 +272,9 @@ def begin(row: Any, z: Any, p: FilterParams) -> None:
 def hear_leader(row: Any, z: Any) -> None:
     """Take the leader's newest sample into the input ring; nobody ahead is remembered as well."""
     if isnan(z.leader_t_s):
-        push_input(row, z.t_s, z.leader_t_s, z.leader_t_s, z.leader_t_s)
+        push_input(row, z.t_s, z.leader_t_s, z.leader_t_s)
     else:
-        push_input(row, z.leader_t_s, z.leader_x_m, z.leader_v_mps, z.leader_length_m)
+        push_input(row, z.leader_t_s, z.leader_x_m - z.leader_length_m, z.leader_v_mps)
 
 
 @njit(cache=True)
@@ -259,7 +288,7 @@ def isolate(nu_x: float, nu_v: float, s_xx: float, s_vv: float, sensor_gate: flo
 
 
 @njit(cache=True)
-def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
+def step(row: Any, z: Any, p: FilterParams, verdict: Any, space: Any) -> None:
     """Judge one reading (READING) against one bank row, in place, and write the VERDICT.
 
     Recovery is the prediction: a rejected reading is not learnt from.
@@ -272,14 +301,14 @@ def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
         nu_x, nu_v, nis = 0.0, 0.0, 0.0
         s_xx, s_xv, s_vv = p.p0 + p.r_x, 0.0, p.p0 + p.r_v
     else:
-        verdict.repaired = predict(row, z.t_s, p)
+        verdict.repaired = predict(row, z.t_s, p, space)
         nu_x, nu_v, s_xx, s_xv, s_vv, nis = innovate(row, z.x_m, z.v_mps, p)
         # Written so that a nis that is no number is anomalous: it is rejected, and the restart heals the row.
         verdict.anomalous = row.count >= p.warming_readings and not nis <= p.gate
         if not verdict.anomalous:
             row.rejections = 0
             close(row.episode)
-            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p)
+            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, space)
             if row.s.size == 3 and abs(row.s[2]) > p.delta_limit_m:
                 row.s[2] = 0.0
             push_own(row, z.t_s)
@@ -308,12 +337,19 @@ def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
     verdict.S[1, 1] = s_vv
     verdict.x_m, verdict.v_mps = observed(row)
     c_xx, _, c_vv = observed_covariance(row)
-    verdict.x_std_m = c_xx**0.5
-    verdict.v_std_mps = c_vv**0.5
+    verdict.x_std_m = sqrt(c_xx)
+    verdict.v_std_mps = sqrt(c_vv)
+
+
+@njit(cache=True)
+def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
+    """Judge one reading against one row."""
+    step(row, z, p, verdict, np.zeros(1, ROOM)[0])
 
 
 @njit(cache=True)
 def step_batch(bank: Any, rows: Any, readings: Any, p: FilterParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
+    space = np.zeros(1, ROOM)
     for i in range(rows.size):
-        step_row(bank[rows[i]], readings[i], p, verdicts[i])
+        step(bank[rows[i]], readings[i], p, verdicts[i], space[0])

@@ -240,14 +240,24 @@ def mix(row: Any, fault: float, over: float, p: Hypotheses, found: Any) -> None:
 
 
 @njit(cache=True)
-def begin_lies(found: Any, dt_s: float, q: float, p: Hypotheses) -> None:
+def push(row: Any, change_mps2: float) -> None:
+    """Change the acceleration in every hypothesis by what is known to come."""
+    for j in range(LANES):
+        row.one[A, j] += change_mps2
+    if row.w[HEALTHY] <= CALM:
+        for j in range(PAIRS):
+            row.two[A, j] += change_mps2
+
+
+@njit(cache=True)
+def begin_lies(found: Any, dt_s: float, q: float, unforeseen: float, p: Hypotheses) -> None:
     """Fill the fresh lanes from the predicted HEALTHY: what may have begun since the last reading."""
     m, one = found.fresh.m, found.one.m
     for i in range(SIZE):
         healthy = one[i, HEALTHY]
         for j in range(LANES):
             m[i, j] = healthy
-    jolt(m, HEALTHY, dt_s, q * (p.manoeuvre_jerk - 1.0) + p.manoeuvre_least)
+    jolt(m, HEALTHY, dt_s, q * (p.manoeuvre_jerk - 1.0) + unforeseen * p.manoeuvre_least)
     slow = exp(-0.5 * (m[V, HEALTHY] / p.standstill_mps) ** 2)
     jump(m, HEALTHY, dt_s, p.standstill_jump_mps**2 * slow)
     for sensor in (LOCATION, SPEED):
@@ -305,7 +315,9 @@ def end_lies(row: Any, over: float, count: int, z: Any, r: Any, found: Any) -> N
 
 
 @njit(cache=True)
-def judge(row: Any, dt_s: float, z: Any, r: Any, q: float, walk: float, p: Hypotheses, found: Any) -> bool:
+def judge(
+    row: Any, dt_s: float, z: Any, r: Any, q: float, walk: float, unforeseen: float, p: Hypotheses, found: Any
+) -> bool:
     """Take one reading: a row (HYPOTHESES) becomes what is thought after it; `found` (FINDING) says the rest.
 
     Return whether a covariance had to be mended.
@@ -316,6 +328,8 @@ def judge(row: Any, dt_s: float, z: Any, r: Any, q: float, walk: float, p: Hypot
         (2,) reading of location and speed, and its variances.
     q, walk
         Density of the calm jerk, m^2/s^5, and of what location and speed differ by, m^2/s.
+    unforeseen
+        Share of the driver's manoeuvres that the car ahead does not announce.
     """
     m, w, prior, nu, cov = found.one.m, row.w, found.prior, found.nu, found.S
     fault = min(0.1, p.faults_per_s * dt_s)
@@ -340,14 +354,15 @@ def judge(row: Any, dt_s: float, z: Any, r: Any, q: float, walk: float, p: Hypot
     quiet = calm and nis < CALM_NIS * (cov[0] * cov[2] - cov[1] ** 2)
     if calm and not quiet:
         remember(found, SINGLE)
-    begin_lies(found, dt_s, q, p)
+    begin_lies(found, dt_s, q, unforeseen, p)
     for j in (BIAS, DRIFT, BIAS_V, DRIFT_V):
         m[BB, j] += p.offset_walk**2
     read_singles(found, z, r, p)
 
     suspected = w[HEALTHY] * fault / 3.0
-    lively = prior[HEALTHY] * p.manoeuvre
-    prior[HEALTHY] *= 1.0 - p.manoeuvre
+    manoeuvre = unforeseen * p.manoeuvre
+    lively = prior[HEALTHY] * manoeuvre
+    prior[HEALTHY] *= 1.0 - manoeuvre
     for j in range(SINGLE):
         came = (lively if j == HEALTHY else suspected) * likelihood(found.fresh, j)
         prior[j] = prior[j] * likelihood(found.one, j) + came + 1e-280

@@ -5,8 +5,8 @@ for healthy, `budget` sets the gate on the log odds (somebody lies : nobody lies
 `relent` ends a suspicion that would not end.
 The estimate is the mean over the hypotheses: a sensor taken for a liar has no part in it, the other keeps correcting.
 
-The motion is x' = v at the same instant: a delay belongs to the driver's response to the car ahead, of which this model
-makes no use (the room `link` does).
+The motion is x' = v at the same instant: a delay belongs to the driver's response to the car ahead (`driver`), which
+announces accelerations of whoever is like the driver model. What contradicts the other car is the room `link`'s.
 """
 
 from math import exp, log, sqrt
@@ -16,10 +16,22 @@ import numpy as np
 from numba import njit
 
 from headway.core.budget import TAIL, Budget, false_alarms_per_hour, gate, learn
+from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.diagnose import name_lie, name_past_lie
-from headway.core.hypotheses import FINDING, HEALTHY, HYPOTHESES, WEIGHT_FLOOR, Hypotheses, begin_all, estimate, judge
-from headway.core.motion import LOCATION, SIZE, SPEED, VV, XX, A, V, X
+from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unfeel, unforeseen
+from headway.core.hypotheses import (
+    FINDING,
+    HEALTHY,
+    HYPOTHESES,
+    WEIGHT_FLOOR,
+    Hypotheses,
+    begin_all,
+    estimate,
+    judge,
+    push,
+)
+from headway.core.motion import LOCATION, SIZE, SPEED, VA, VV, XX, A, V, X
 from headway.core.noise_levels import (
     LEVELS,
     Levels,
@@ -35,27 +47,32 @@ TRUSTED = 0.9
 """Probability of HEALTHY above which a reading teaches noise levels;"""
 TRUSTED_EARLY = 0.3
 """and before they have settled, when a level too small makes honest readings doubtful and would never be mended."""
-HEADWAY = np.dtype(
-    [
-        ("count", "i8"),  # readings taken; 0: a row not begun
-        ("t_s", "f8"),
-        *((name, HYPOTHESES[name]) for name in HYPOTHESES.names or ()),
-        ("levels", LEVELS),
-        ("tail", TAIL),
-        ("slipped_m", "f8"),  # how far the location has moved beside the speed, by slip and lag
-        ("a_mps2", "f8"),  # estimate after the newest reading
-        ("heard_s", "f8"),
-        ("relented_s", "f8"),  # event time at which a sensor was last believed again, or the row begun
-        ("wrong_s", "f8", (2,)),  # for how long location and speed have been suspected without a break
-        ("run", "i8", (2,)),  # anomalous readings in a row, as in `diagnose`
-    ],
-    align=True,
-)
-"""One vehicle."""
 
-_PLACES: Any = HEADWAY.fields
-RARE_START, RARE_STOP, ROW_BYTES = _PLACES["two"][1], _PLACES["w"][1], HEADWAY.itemsize
-"""Where the bytes of a row lie that only suspicions need, and how many it has."""
+
+def headway_dtype(delay_s: float) -> np.dtype[np.void]:
+    """Return the record of one vehicle, which remembers the car ahead for `delay_s`."""
+    return np.dtype(
+        [
+            ("count", "i8"),  # readings taken; 0: a row not begun
+            ("t_s", "f8"),
+            *((name, HYPOTHESES[name]) for name in HYPOTHESES.names or ()),
+            ("levels", LEVELS),
+            ("tail", TAIL),
+            ("slipped_m", "f8"),  # how far the location has moved beside the speed, by slip and lag
+            ("a_mps2", "f8"),  # estimate for the time until the next reading
+            ("heard_s", "f8"),
+            ("relented_s", "f8"),  # event time at which a sensor was last believed again, or the row begun
+            ("wrong_s", "f8", (2,)),  # for how long location and speed have been suspected without a break
+            ("run", "i8", (2,)),  # anomalous readings in a row, as in `diagnose`
+            ("driver", driver_dtype(delay_s)),
+        ],
+        align=True,
+    )
+
+
+_PLACES: Any = headway_dtype(0.0).fields
+RARE_START, RARE_STOP = _PLACES["two"][1], _PLACES["w"][1]
+"""Where the bytes of a row lie that only suspicions need."""
 
 
 class HeadwayParams(NamedTuple):
@@ -71,6 +88,7 @@ class HeadwayParams(NamedTuple):
     """Added to the gate, times the root of the step that levels still take: that is how uncertain they are."""
     settled_readings: float
     """Readings from which levels must have been learnt before they count as settled, and the tail is learnt."""
+    driver: Driver
     max_gap_s: float
     warming_readings: int
 
@@ -113,10 +131,10 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
             sign_share=0.5,
             walk_seen=0.5,
             walk_fade=0.01,
+            slip_early=0.02,
+            lag_early=0.002,
             slip_gain=0.001,
-            slip_early=0.01,
             slip_most_mps=2.0,
-            lag_share=0.5,
             lag_most_s=0.3,
         ),
         budget=Budget(
@@ -133,6 +151,9 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
         wrong_share=0.5,
         caution=28.0,
         settled_readings=100.0,
+        driver=Driver(
+            IdmParams(), config.delay_s, change_most_mps2=1.0, doubt=60.0, memory=0.9995, announced_step=0.002
+        ),
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
     )
@@ -149,6 +170,7 @@ def start(row: Any, z: Any, p: HeadwayParams) -> None:
         begin_levels(row.levels, p.levels)
     interrupt(row.levels)
     begin_all(row, z.x_m, z.v_mps, row.levels.r, p.hypotheses)
+    meet(row.driver, p.driver)
     row.slipped_m, row.a_mps2 = 0.0, 0.0
     row.wrong_s[:] = 0.0
     row.heard_s = 0.0
@@ -165,8 +187,8 @@ def log_odds(lies: float, honest: float) -> float:
 
 @njit(cache=True)
 def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
-    """Judge one reading (READING) against one row (HEADWAY), in place, and write the VERDICT."""
-    levels, w, found, reading, mean = row.levels, row.w, room.found, room.reading, room.mean
+    """Judge one reading (READING) against one row (`headway_dtype`), in place, and write the VERDICT."""
+    levels, driver, w, found, reading, mean = row.levels, row.driver, row.w, room.found, room.reading, room.mean
     nu, cov, ended = found.nu, found.S, found.ended
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
@@ -180,7 +202,9 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
         reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps
     else:
         reading[LOCATION], reading[SPEED] = z.x_m - row.slipped_m, z.v_mps
-        verdict.repaired = judge(row, dt_s, reading, levels.r, levels.q, levels.walk, p.hypotheses, found)
+        verdict.repaired = judge(
+            row, dt_s, reading, levels.r, levels.q, levels.walk, unforeseen(driver, levels.q), p.hypotheses, found
+        )
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
     lies, over_now = 1.0 - w[HEALTHY] if w[HEALTHY] < 0.5 else w[1:].sum(), ended.sum()
@@ -213,12 +237,17 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     if not verdict.warming and levels.learnt > p.settled_readings:
         learn(row.tail, lied_just_now, verdict.anomalous, dt_s, p.budget)
     if dt_s > 0.0 and w[HEALTHY] > (TRUSTED if levels.learnt > p.settled_readings else TRUSTED_EARLY):
-        learn_levels(levels, dt_s, row.a_mps2, nu, cov, p.levels)
+        learn_levels(levels, dt_s, row.a_mps2, nu, cov, unforeseen(driver, levels.q), p.levels)
+        k_v, k_a = row.one[VV, HEALTHY] / levels.r[SPEED], row.one[VA, HEALTHY] / levels.r[SPEED]
+        learn_likeness(driver, dt_s, nu[SPEED], cov[2], k_v, k_a, p.driver)
     else:
         interrupt(levels)
-    row.a_mps2 = mean[A]
+        unfeel(driver)
     if relent(row, mean, reading, dt_s, p):
         verdict.restarted = True
+    change_mps2 = ask(driver, z, dt_s, verdict.x_m, verdict.v_mps, p.driver)
+    push(row, change_mps2)
+    row.a_mps2 = mean[A] + change_mps2
 
 
 @njit(cache=True)
@@ -234,5 +263,5 @@ def step_batch(bank: Any, rows: Any, readings: Any, p: HeadwayParams, verdicts: 
     for i in range(rows.size):
         if i + 1 < rows.size:
             prefetch_row(bank, rows[i + 1], 0, RARE_START)
-            prefetch_row(bank, rows[i + 1], RARE_STOP, ROW_BYTES)
+            prefetch_row(bank, rows[i + 1], RARE_STOP, bank.itemsize)
         step(bank[rows[i]], readings[i], p, verdicts[i], room[0])

@@ -12,7 +12,7 @@ from headway.core import imm
 from headway.core.bank import BatchKernel, RowKernel
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
-from headway.core.delay import slots
+from headway.core.delay import input_ring, slots
 from headway.core.episode import EPISODE
 from headway.core.filter import FilterParams, step_batch, step_row
 
@@ -46,10 +46,7 @@ def paper_dtype(order: int, delay_s: float) -> np.dtype[np.void]:
             ("own_t", "f8", (k,)),
             ("own_s", "f8", (k, n)),
             ("own_P", "f8", (k, n, n)),
-            ("input_count", "i8"),
-            ("input_t", "f8", (k,)),
-            ("input_u", "f8", (k, 2)),
-            ("input_length", "f8", (k,)),
+            *input_ring(delay_s),
         ],
         align=True,
     )
@@ -81,8 +78,13 @@ def _paper(name: str, order: int, config: DetectorConfig) -> Model:
     return Model(name, paper_dtype(order, config.delay_s), paper_params(config), step_row, step_batch)
 
 
+def _headway(config: DetectorConfig) -> Model:
+    dtype = imm.headway_dtype(config.delay_s)
+    return Model("headway", dtype, imm.headway_params(config), imm.step_row, imm.step_batch)
+
+
 MODELS: dict[str, Callable[[DetectorConfig], Model]] = {
-    "headway": lambda config: Model("headway", imm.HEADWAY, imm.headway_params(config), imm.step_row, imm.step_batch),
+    "headway": _headway,
     "ca": lambda config: Model("ca", ca.CA, ca.ca_params(config), ca.step_row, ca.step_batch),
     "ekf": lambda config: _paper("ekf", 2, config),
     "aekf": lambda config: _paper("aekf", 3, config),

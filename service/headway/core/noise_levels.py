@@ -6,7 +6,7 @@ more than any other reading (Robbins-Monro on a quantile). The sensor's noise an
 walk for the location) both widen an innovation; signs tell them apart: with too little of the motion's the filter lags
 and innovations keep their sign, with too much they alternate (Mehra 1970, doi:10.1109/TAC.1970.1099422). A location
 that keeps running ahead of its prediction slips beside the speed, or the speed is older than it: the one whatever the
-car does, the other with its acceleration (least mean squares).
+car does, the other with its acceleration (recursive least squares).
 """
 
 from math import copysign, exp, sqrt
@@ -32,6 +32,11 @@ LEVELS = np.dtype(
         ("q", "f8"),  # density of the jerk, m^2/s^5
         ("slip", "f8"),  # how much faster the location moves than the reported speed says, m/s
         ("lag_s", "f8"),  # how old a reported speed is, beside the location
+        (
+            "unsure",
+            "f8",
+            (3,),
+        ),  # (co)variances ss, sl, ll of slip and lag; 1 is that of what one location shows of them
         ("walk", "f8"),  # density of what location and speed differ by, m^2/s
         ("learnt", "f8"),  # readings so far
         ("nu", "f8", (2,)),  # innovations one reading ago; 0: none
@@ -71,13 +76,13 @@ class Levels(NamedTuple):
     """Walk per second, as a share of the variance of the location, below which signs cannot tell it from none;"""
     walk_fade: float
     """then it shrinks by this on the logarithm with each reading."""
-    slip_gain: float
-    """Part of what the location runs ahead by that goes into slip and lag with each reading,"""
     slip_early: float
-    """and this much more for a step of 1."""
+    """Variance of slip,"""
+    lag_early: float
+    """and of lag before anything is heard, over that of what one location shows of them."""
+    slip_gain: float
+    """Part of what the location runs ahead by that goes into slip and lag with each reading once they are known."""
     slip_most_mps: float
-    lag_share: float
-    """The lag is learnt by this much slower."""
     lag_most_s: float
 
 
@@ -87,6 +92,7 @@ def begin_levels(levels: Any, p: Levels) -> None:
     levels.r[LOCATION], levels.r[SPEED] = p.x_std_m**2, p.v_std_mps**2
     levels.q, levels.walk = p.jerk, p.walk
     levels.slip, levels.lag_s = 0.0, 0.0
+    levels.unsure[0], levels.unsure[1], levels.unsure[2] = p.slip_early, 0.0, p.lag_early
     levels.learnt = 0.0
     interrupt(levels)
 
@@ -113,8 +119,11 @@ def errors(levels: Any, sensor: int, nu: float, s: float, sign_step: float) -> t
 
 
 @njit(cache=True)
-def learn_levels(levels: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, p: Levels) -> None:
-    """Take the innovation of a reading that is taken for healthy, with its variances."""
+def learn_levels(levels: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, unforeseen: float, p: Levels) -> None:
+    """Take the innovation of a reading that is taken for healthy, with its variances.
+
+    `unforeseen` is the share of what the driver does that the car ahead does not announce.
+    """
     step = step_size(levels, p)
     turn = max(p.sign_slowest, p.sign_step / (1.0 + p.settling * levels.learnt)) / step
     levels.learnt += 1.0
@@ -122,15 +131,26 @@ def learn_levels(levels: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, p: 
     v_wide, v_lag = errors(levels, SPEED, nu[SPEED], cov[2], p.sign_share)
     levels.r[LOCATION] = bounded(levels.r[LOCATION] * exp(step * (x_wide - x_lag)), p.std_least**2, p.x_std_most_m**2)
     levels.r[SPEED] = bounded(levels.r[SPEED] * exp(step * (v_wide - v_lag)), p.std_least**2, p.v_std_most_mps**2)
-    levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), p.jerk_least, p.jerk_most)
+    levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), unforeseen * p.jerk_least, p.jerk_most)
     most = OUTLYING * sqrt(cov[0])
     ahead_mps = (1.0 - levels.r[LOCATION] / cov[0]) * bounded(nu[LOCATION], -most, most) / dt_s
-    ahead_mps *= (p.slip_gain + p.slip_early * step) / (1.0 + a_mps2**2)
-    shift(levels, ahead_mps, p)
-    levels.lag_s = bounded(levels.lag_s + p.lag_share * ahead_mps * a_mps2, -p.lag_most_s, p.lag_most_s)
+    learn_slip(levels, ahead_mps, a_mps2, p)
     fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
     walk_least = max(p.walk_least, p.wander_least - NOISE_AS_WALK_HZ * levels.r[LOCATION])
     levels.walk = bounded(levels.walk * exp(step * (x_wide + x_lag) - fade), walk_least, p.walk_most)
+
+
+@njit(cache=True)
+def learn_slip(levels: Any, ahead_mps: float, a_mps2: float, p: Levels) -> None:
+    """Take a location that ran ahead of its prediction by `ahead_mps`: slip + lag a, and noise of unit variance."""
+    c = levels.unsure
+    slip, lag = c[0] + c[1] * a_mps2, c[1] + c[2] * a_mps2
+    share = 1.0 / (1.0 + slip + lag * a_mps2)
+    shift(levels, share * slip * ahead_mps, p)
+    levels.lag_s = bounded(levels.lag_s + share * lag * ahead_mps, -p.lag_most_s, p.lag_most_s)
+    c[0] += p.slip_gain**2 - share * slip * slip
+    c[1] -= share * slip * lag
+    c[2] += p.slip_gain**2 - share * lag * lag
 
 
 @njit(cache=True)
