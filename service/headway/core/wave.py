@@ -99,8 +99,28 @@ class Concluded(NamedTuple):
 
 
 def columns(batch: Batch) -> Columns:
-    """Return the columns of a batch that a wave looks at, contiguous."""
-    return Columns(*(np.ascontiguousarray(getattr(batch, name)) for name in Columns._fields))
+    """Return the columns of a batch that a wave looks at, contiguous and of one type each (`kernels`)."""
+    return Columns(
+        t_us=_whole(batch.t_us),
+        received_us=_whole(batch.received_us),
+        msg_cnt=_whole(batch.msg_cnt),
+        lat_deg=_real(batch.lat_deg),
+        lon_deg=_real(batch.lon_deg),
+        speed_mps=_real(batch.speed_mps),
+        heading_deg=_real(batch.heading_deg),
+        accuracy_m=_real(batch.accuracy_m),
+        length_m=_real(batch.length_m),
+        range_m=_real(batch.range_m),
+        range_rate_mps=_real(batch.range_rate_mps),
+    )
+
+
+def _whole(column: I64) -> I64:
+    return np.ascontiguousarray(column, np.int64)
+
+
+def _real(column: F64) -> F64:
+    return np.ascontiguousarray(column, np.float64)
 
 
 @njit(cache=True)
