@@ -355,6 +355,8 @@ class Engine:
         other = Engine(replace(self._config, vehicle_capacity=2))
         for k in range(2):
             other.step(_example(k), now_us=1 + k * 100_000)
+        other.states()
+        other._vehicles.forget(0)
 
 
 def _example(k: int) -> Batch:

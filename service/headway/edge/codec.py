@@ -116,7 +116,7 @@ class Codec:
 
     def warm_up(self) -> None:
         """Compile or load what reads the usual form."""
-        compact.read(b"", np.empty(0, np.int64), names([]), self._bundle_max)
+        compact.read(b"", np.empty(0, np.int64), np.frombuffer(b"", f"S{NAME_BYTES}"), self._bundle_max)
 
     def _decode_usual(self, arrivals: Sequence[Arrival]) -> Decoded | None:
         """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
