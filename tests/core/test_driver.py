@@ -113,3 +113,11 @@ def test_the_likeness_learns_what_least_squares_would() -> None:
         known = float(driver["likeness"])
     f, y = np.array(felt), np.array(nu)
     assert known == pytest.approx(f @ y / (f @ f + P.doubt * 0.05**2), rel=0.02)
+
+
+def test_nobody_is_foreseen_altogether() -> None:
+    """An hour behind a car that stands: no jerk, and nothing announced that it could be a share of."""
+    driver = np.zeros(1, driver_dtype(DELAY_S))[0]
+    assert unforeseen(driver, 1e-12) == 1.0
+    driver["announced"] = 1.0
+    assert unforeseen(driver, 1e-12) == 1e-3

@@ -5,8 +5,8 @@ reading k, given the leader of a delay ago and the car's own estimate,
 
     a(t_k) changes by likeness (f_k - f_{k-1})
 
-beside what white jerk adds. Likeness is 1 for a driver who is the model, more for one who answers
-harder, 0 for one of whom it says nothing. Only changes count: keeping another gap than the model is not unlike it.
+beside what white jerk adds. Likeness is 1 for a driver who is the model, more for one who answers harder, 0 for one of
+whom it says nothing. Only changes count: keeping another gap than the model is not unlike it.
 
 The likeness is learnt by the recursive prediction error method (Ljung and Soderstrom 1983, Theory and Practice of
 Recursive Identification): by how much the innovation of the speed would be another if it were another.
@@ -25,6 +25,8 @@ from headway.core.noise_levels import bounded
 OUTLYING = 3.0
 """Standard deviations beyond which an innovation says no more of the likeness."""
 LIKENESS_MOST = 2.0
+UNFORESEEN_LEAST = 1e-3
+"""Nobody is foreseen altogether: jerk and manoeuvres, which are scaled by what is not, must stay possible."""
 
 
 class Driver(NamedTuple):
@@ -76,7 +78,7 @@ def unfeel(driver: Any) -> None:
 @njit(cache=True)
 def unforeseen(driver: Any, q: float) -> float:
     """Return the share that jerk of density `q` has in what changes the acceleration: the rest is announced."""
-    return 1.0 if isnan(driver.asked_mps2) else float(q / (q + driver.announced))
+    return 1.0 if isnan(driver.asked_mps2) else max(UNFORESEEN_LEAST, float(q / (q + driver.announced)))
 
 
 @njit(cache=True)
