@@ -2,11 +2,17 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from sim.world import SimWorld
 
 import headway
+from headway.edge.ports import Channel
+
+LIAR, SILENT, LIE_FROM = 1, 3, 60
+KINDS = 2
+"""A miss, and a kind of the sensor's."""
 
 
 def compiled() -> set[tuple[str, str, str]]:
@@ -18,17 +24,32 @@ def compiled() -> set[tuple[str, str, str]]:
     }
 
 
+class Troubled(SimWorld):
+    """One vehicle's speed lies for a second, and another falls silent."""
+
+    def _record(self, vehicle: int, k: int, at_s: float) -> list[Any]:
+        record = super()._record(vehicle, k, at_s)
+        if vehicle == LIAR and LIE_FROM <= k < LIE_FROM + 10:
+            record[6] += 3.0
+        return record
+
+    def _send(self, vehicle: int, k: int, at_s: float) -> None:
+        if vehicle != SILENT or k < LIE_FROM:
+            super()._send(vehicle, k, at_s)
+
+
 def main() -> None:
-    world = SimWorld(1)
+    world = Troubled(1)
     world.rig.engine.warm_up()
     world.rig.codec.warm_up()
     warm = compiled()
-    world.drive(vehicles=8, seconds=8.0)
+    world.drive(vehicles=8, seconds=12.0)
     for _ in range(40):
         world.rig.clock.sleep(1.0)
         world.rig.shell.turn()
-    if world.rig.engine.vehicles or not warm:
-        raise SystemExit("nobody was forgotten, or nothing was warmed up")
+    told = {alert["kind"] for alert in world.said(Channel.ALERT)}
+    if world.rig.engine.vehicles or not warm or len(told) < KINDS:
+        raise SystemExit(f"nobody was forgotten, nothing was warmed up, or too little was told: {told}")
     late = sorted({f"{module}.{name}" for module, name, _ in compiled() - warm})
     if late:
         raise SystemExit(f"compiled while messages waited: {', '.join(late)}")

@@ -356,6 +356,7 @@ class Engine:
         for k in range(2):
             other.step(_example(k), now_us=1 + k * 100_000)
         other.states()
+        silence.renamed(other._tracks, other._first_heard_us, 0, np.arange(2))
         other._vehicles.forget(0)
 
 
