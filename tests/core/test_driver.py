@@ -6,7 +6,7 @@ from driving import judge
 
 from headway.core.bank import readings
 from headway.core.car_following import IdmParams, idm
-from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unforeseen
+from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unforeseen_share
 
 DELAY_S = 0.5
 LENGTH_M = 5.0
@@ -48,15 +48,15 @@ def test_how_like_the_model_a_driver_is_becomes_known(gain: float) -> None:
 def test_a_driver_with_a_will_of_his_own_is_not_like_the_model() -> None:
     _, row = judge(follow(np.random.default_rng(1), 0.02, own_std_mps2=0.8), delay_s=DELAY_S)
     assert row[0]["driver"]["likeness"] < 0.2
-    assert unforeseen(row[0]["driver"], row[0]["levels"]["q"]) > 0.9
+    assert unforeseen_share(row[0]["driver"], row[0]["levels"]["q"]) > 0.9
 
 
 def test_what_the_car_ahead_announces_is_no_manoeuvre() -> None:
     _, row = judge(follow(np.random.default_rng(2), 1.0), delay_s=DELAY_S)
     driver = row[0]["driver"]
-    assert unforeseen(driver, row[0]["levels"]["q"]) < 0.2
+    assert unforeseen_share(driver, row[0]["levels"]["q"]) < 0.2
     driver["asked_mps2"] = np.nan
-    assert unforeseen(driver, row[0]["levels"]["q"]) == 1.0, "nobody ahead, nothing announced"
+    assert unforeseen_share(driver, row[0]["levels"]["q"]) == 1.0, "nobody ahead, nothing announced"
 
 
 def test_a_speed_that_drifts_is_betrayed_by_the_car_ahead_when_the_location_wanders() -> None:
@@ -118,6 +118,6 @@ def test_the_likeness_learns_what_least_squares_would() -> None:
 def test_nobody_is_foreseen_altogether() -> None:
     """An hour behind a car that stands: no jerk, and nothing announced that it could be a share of."""
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
-    assert unforeseen(driver, 1e-12) == 1.0
+    assert unforeseen_share(driver, 1e-12) == 1.0
     driver["announced"] = 1.0
-    assert unforeseen(driver, 1e-12) == 1e-3
+    assert unforeseen_share(driver, 1e-12) == 1e-3

@@ -12,7 +12,7 @@ The likeness is learnt by the recursive prediction error method (Ljung and Soder
 Recursive Identification): by how much the innovation of the speed would be another if it were another.
 """
 
-from math import isnan, sqrt
+from math import isnan
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,10 +20,8 @@ from numba import njit
 
 from headway.core.car_following import IdmParams, idm
 from headway.core.delay import input_at, input_ring, push_input
-from headway.core.noise_levels import bounded
+from headway.core.noise_levels import bounded, tamed
 
-OUTLYING = 3.0
-"""Standard deviations beyond which an innovation says no more of the likeness."""
 LIKENESS_MOST = 2.0
 UNFORESEEN_LEAST = 1e-3
 """Nobody is foreseen altogether: jerk and manoeuvres, which are scaled by what is not, must stay possible."""
@@ -76,7 +74,7 @@ def unfeel(driver: Any) -> None:
 
 
 @njit(cache=True)
-def unforeseen(driver: Any, q: float) -> float:
+def unforeseen_share(driver: Any, q: float) -> float:
     """Return the share that jerk of density `q` has in what changes the acceleration: the rest is announced."""
     return 1.0 if isnan(driver.asked_mps2) else max(UNFORESEEN_LEAST, float(q / (q + driver.announced)))
 
@@ -108,10 +106,9 @@ def learn_likeness(driver: Any, dt_s: float, nu: float, s: float, k_v: float, k_
     """Take the innovation `nu` of a healthy speed, of variance `s`, which moved v by k_v nu and a by k_a nu."""
     driver.felt_mps += dt_s * driver.felt_mps2
     felt_mps = driver.felt_mps
-    most = OUTLYING * sqrt(s)
     kept = p.memory * driver.information + (1.0 - p.memory) * p.doubt
     driver.information = kept + felt_mps**2 / s
-    step = felt_mps * bounded(nu, -most, most) / (s * driver.information)
+    step = felt_mps * tamed(nu, s) / (s * driver.information)
     driver.likeness = bounded(driver.likeness + step, 0.0, LIKENESS_MOST)
     driver.felt_mps -= k_v * felt_mps
     driver.felt_mps2 -= k_a * felt_mps

@@ -151,7 +151,7 @@ def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None
 
 
 @njit(cache=True)
-def predict(row: Any, t_s: float, p: FilterParams, space: Any) -> bool:
+def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
     """Carry s and P of the row from row.t_s to `t_s`; return whether the covariance guard had to act."""
     n = row.s.size
     tau = p.delay_s
@@ -159,17 +159,13 @@ def predict(row: Any, t_s: float, p: FilterParams, space: Any) -> bool:
     steps = min(SUBSTEPS_MAX, max(1, ceil((t_s - row.t_s) / longest - 1e-6)))
     h = (t_s - row.t_s) / steps
     start = row.t_s
-    s, P, ds, dP, sum_s, sum_P = space.s, space.P, space.ds, space.dP, space.sum_s, space.sum_P
-    for a in range(n):
-        ds[a] = 0.0
-        for b in range(n):
-            dP[a, b] = 0.0
+    s, P, ds, dP, sum_s, sum_P = room.s, room.P, room.ds, room.dP, room.sum_s, room.sum_P
+    ds[:] = 0.0
+    dP[:, :] = 0.0
     for step in range(steps):
         t = start + step * h
-        for a in range(n):
-            sum_s[a] = 0.0
-            for b in range(n):
-                sum_P[a, b] = 0.0
+        sum_s[:] = 0.0
+        sum_P[:, :] = 0.0
         if tau == 0.0:
             for stage in range(4):
                 c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
@@ -233,13 +229,13 @@ def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> tuple[float, 
 
 @njit(cache=True)
 def update(
-    row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams, space: Any
+    row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams, room: Any
 ) -> bool:
     """K = P H' S^-1; s += K nu; P -= K S K'. Return whether the covariance guard had to act."""
     n = row.s.size
     det = s_xx * schur(s_xx, s_xv, s_vv, p.r_v)
     i_xx, i_xv, i_vv = s_vv / det, -s_xv / det, s_xx / det
-    PH, K = space.PH, space.K
+    PH, K = room.PH, room.K
     for a in range(n):
         PH[a, 0] = row.P[a, 0] + row.P[a, 2] if n == 3 else row.P[a, 0]
         PH[a, 1] = row.P[a, 1]
@@ -288,7 +284,7 @@ def isolate(nu_x: float, nu_v: float, s_xx: float, s_vv: float, sensor_gate: flo
 
 
 @njit(cache=True)
-def step(row: Any, z: Any, p: FilterParams, verdict: Any, space: Any) -> None:
+def step(row: Any, z: Any, p: FilterParams, verdict: Any, room: Any) -> None:
     """Judge one reading (READING) against one bank row, in place, and write the VERDICT.
 
     Recovery is the prediction: a rejected reading is not learnt from.
@@ -301,14 +297,14 @@ def step(row: Any, z: Any, p: FilterParams, verdict: Any, space: Any) -> None:
         nu_x, nu_v, nis = 0.0, 0.0, 0.0
         s_xx, s_xv, s_vv = p.p0 + p.r_x, 0.0, p.p0 + p.r_v
     else:
-        verdict.repaired = predict(row, z.t_s, p, space)
+        verdict.repaired = predict(row, z.t_s, p, room)
         nu_x, nu_v, s_xx, s_xv, s_vv, nis = innovate(row, z.x_m, z.v_mps, p)
         # Written so that a nis that is no number is anomalous: it is rejected, and the restart heals the row.
         verdict.anomalous = row.count >= p.warming_readings and not nis <= p.gate
         if not verdict.anomalous:
             row.rejections = 0
             close(row.episode)
-            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, space)
+            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room)
             if row.s.size == 3 and abs(row.s[2]) > p.delta_limit_m:
                 row.s[2] = 0.0
             push_own(row, z.t_s)
@@ -350,6 +346,6 @@ def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
 @njit(cache=True)
 def step_batch(bank: Any, rows: Any, readings: Any, p: FilterParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
-    space = np.zeros(1, ROOM)
+    room = np.zeros(1, ROOM)
     for i in range(rows.size):
-        step(bank[rows[i]], readings[i], p, verdicts[i], space[0])
+        step(bank[rows[i]], readings[i], p, verdicts[i], room[0])

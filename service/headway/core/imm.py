@@ -19,7 +19,7 @@ from headway.core.budget import TAIL, Budget, false_alarms_per_hour, gate, learn
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.diagnose import name_lie, name_past_lie
-from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unfeel, unforeseen
+from headway.core.driver import Driver, ask, driver_dtype, learn_likeness, meet, unfeel, unforeseen_share
 from headway.core.hypotheses import (
     FINDING,
     HEALTHY,
@@ -190,6 +190,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     """Judge one reading (READING) against one row (`headway_dtype`), in place, and write the VERDICT."""
     levels, driver, w, found, reading, mean = row.levels, row.driver, row.w, room.found, room.reading, room.mean
     nu, cov, ended = found.nu, found.S, found.ended
+    unforeseen = 1.0
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
     row.slipped_m += (levels.slip + levels.lag_s * row.a_mps2) * dt_s
@@ -202,9 +203,8 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
         reading[LOCATION], reading[SPEED] = z.x_m, z.v_mps
     else:
         reading[LOCATION], reading[SPEED] = z.x_m - row.slipped_m, z.v_mps
-        verdict.repaired = judge(
-            row, dt_s, reading, levels.r, levels.q, levels.walk, unforeseen(driver, levels.q), p.hypotheses, found
-        )
+        unforeseen = unforeseen_share(driver, levels.q)
+        verdict.repaired = judge(row, dt_s, reading, levels.r, levels.q, levels.walk, unforeseen, p.hypotheses, found)
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
     lies, over_now = 1.0 - w[HEALTHY] if w[HEALTHY] < 0.5 else w[1:].sum(), ended.sum()
@@ -237,7 +237,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
     if not verdict.warming and levels.learnt > p.settled_readings:
         learn(row.tail, lied_just_now, verdict.anomalous, dt_s, p.budget)
     if dt_s > 0.0 and w[HEALTHY] > (TRUSTED if levels.learnt > p.settled_readings else TRUSTED_EARLY):
-        learn_levels(levels, dt_s, row.a_mps2, nu, cov, unforeseen(driver, levels.q), p.levels)
+        learn_levels(levels, dt_s, row.a_mps2, nu, cov, unforeseen, p.levels)
         k_v, k_a = row.one[VV, HEALTHY] / levels.r[SPEED], row.one[VA, HEALTHY] / levels.r[SPEED]
         learn_likeness(driver, dt_s, nu[SPEED], cov[2], k_v, k_a, p.driver)
     else:

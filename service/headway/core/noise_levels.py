@@ -21,7 +21,7 @@ QUARTILE = 1.1503493803760079
 """A standard normal goes beyond it, to either side, in one case of four."""
 
 OUTLYING = 3.0
-"""Standard deviations beyond which an innovation says no more of the slip."""
+"""Standard deviations beyond which an innovation says no more than one of so many."""
 
 NOISE_AS_WALK_HZ = 20.0
 """Noise of variance r makes displacements at 10 Hz as uncertain as a walk of density 20 r: r at either end of each."""
@@ -32,11 +32,7 @@ LEVELS = np.dtype(
         ("q", "f8"),  # density of the jerk, m^2/s^5
         ("slip", "f8"),  # how much faster the location moves than the reported speed says, m/s
         ("lag_s", "f8"),  # how old a reported speed is, beside the location
-        (
-            "unsure",
-            "f8",
-            (3,),
-        ),  # (co)variances ss, sl, ll of slip and lag; 1 is that of what one location shows of them
+        ("unsure", "f8", (3,)),  # (co)variances ss, sl, ll of slip and lag; 1: of what one location shows of both
         ("walk", "f8"),  # density of what location and speed differ by, m^2/s
         ("learnt", "f8"),  # readings so far
         ("nu", "f8", (2,)),  # innovations one reading ago; 0: none
@@ -132,8 +128,7 @@ def learn_levels(levels: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, unf
     levels.r[LOCATION] = bounded(levels.r[LOCATION] * exp(step * (x_wide - x_lag)), p.std_least**2, p.x_std_most_m**2)
     levels.r[SPEED] = bounded(levels.r[SPEED] * exp(step * (v_wide - v_lag)), p.std_least**2, p.v_std_most_mps**2)
     levels.q = bounded(levels.q * exp(step * (v_wide + v_lag)), unforeseen * p.jerk_least, p.jerk_most)
-    most = OUTLYING * sqrt(cov[0])
-    ahead_mps = (1.0 - levels.r[LOCATION] / cov[0]) * bounded(nu[LOCATION], -most, most) / dt_s
+    ahead_mps = (1.0 - levels.r[LOCATION] / cov[0]) * tamed(nu[LOCATION], cov[0]) / dt_s
     learn_slip(levels, ahead_mps, a_mps2, p)
     fade = p.walk_fade if levels.walk < p.walk_seen * levels.r[LOCATION] else 0.0
     walk_least = max(p.walk_least, p.wander_least - NOISE_AS_WALK_HZ * levels.r[LOCATION])
@@ -157,6 +152,13 @@ def learn_slip(levels: Any, ahead_mps: float, a_mps2: float, p: Levels) -> None:
 def shift(levels: Any, ahead_mps: float, p: Levels) -> None:
     """Take locations to run ahead of the speed by `ahead_mps` more."""
     levels.slip = bounded(levels.slip + ahead_mps, -p.slip_most_mps, p.slip_most_mps)
+
+
+@njit(cache=True)
+def tamed(nu: float, s: float) -> float:
+    """Return an innovation of variance `s`, and of an outlying one no more than counts."""
+    most = OUTLYING * sqrt(s)
+    return bounded(nu, -most, most)
 
 
 @njit(cache=True)

@@ -116,7 +116,7 @@ class Codec:
 
     def warm_up(self) -> None:
         """Compile or load what reads the usual form."""
-        compact.read(b"", np.empty(0, np.int64), np.frombuffer(b"", f"S{NAME_BYTES}"), self._bundle_max)
+        compact.read(b"", np.empty(0, np.int64), b"", self._bundle_max)
 
     def _decode_usual(self, arrivals: Sequence[Arrival]) -> Decoded | None:
         """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
@@ -140,8 +140,7 @@ class Codec:
         sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
         if sizes.max() > self._payload_max_bytes:
             return None
-        known = np.frombuffer(b"".join(cast(list[bytes], owners)), f"S{NAME_BYTES}")
-        return compact.read(b"".join(payloads), sizes, known, self._bundle_max)
+        return compact.read(b"".join(payloads), sizes, b"".join(cast(list[bytes], owners)), self._bundle_max)
 
     def _decode_any(self, arrivals: Sequence[Arrival]) -> Decoded:
         opened, rejections = self._open(arrivals)

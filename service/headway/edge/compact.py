@@ -55,16 +55,17 @@ class Compact(NamedTuple):
     """(P,) records of each payload."""
 
 
-def read(payloads: bytes, sizes: I64, owners: Names, bundle_max: int) -> Compact | None:
+def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> Compact | None:
     """Read payloads that lie end to end, of `sizes` (P,) bytes; None where one of them is not for here.
 
-    `owners` (P,): whose records alone each may hold; empty: anybody's.
+    `owners` are P names end to end, of NAME_BYTES each: whose records alone each may hold; NUL throughout: anybody's.
     """
     most = len(payloads) // OF_LEADER + 1  # a record that is complete is longer
     numbers, records = np.empty((len(NAMES), most)), np.empty_like(sizes)
     ids, leader_ids = np.empty(most, f"S{NAME_BYTES}"), np.empty(most, f"S{NAME_BYTES}")
     buffer = np.frombuffer(payloads, np.uint8)
-    count = _read(buffer, sizes, words(owners), bundle_max, LIMITS, numbers, words(ids), words(leader_ids), records)
+    owned = words(np.frombuffer(owners, f"S{NAME_BYTES}"))
+    count = _read(buffer, sizes, owned, bundle_max, LIMITS, numbers, words(ids), words(leader_ids), records)
     if count < 0:
         return None
     return Compact(numbers[:, :count], ids[:count], leader_ids[:count], records)
