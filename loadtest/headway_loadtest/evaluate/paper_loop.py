@@ -89,7 +89,9 @@ def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams) -> None:
     Who knows the truth need not begin anew: the rejections are forgotten.
     """
     nu_x, nu_v, s_xx, s_xv, s_vv, _ = innovate(row, x_m, v_mps, p)
-    update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, np.zeros(1, ROOM)[0])
+    room = np.zeros(1, ROOM)
+    for place in range(room.size):  # a record does not keep its array alive, a loop over it does
+        update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room[place])
     row.s[0] = x_m - row.s[2] if row.s.size == 3 else x_m
     row.s[1] = v_mps
     row.rejections = 0

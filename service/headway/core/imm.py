@@ -253,7 +253,9 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, room: Any) -> None:
 @njit(cache=True)
 def step_row(row: Any, z: Any, p: HeadwayParams, verdict: Any) -> None:
     """Judge one reading against one row."""
-    step(row, z, p, verdict, np.zeros(1, ROOM)[0])
+    room = np.zeros(1, ROOM)
+    for place in range(room.size):  # a record does not keep its array alive, a loop over it does
+        step(row, z, p, verdict, room[place])
 
 
 @njit(cache=True)
