@@ -6,9 +6,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from headway.core import models
+from headway.core.config import DetectorConfig
 from headway_loadtest.evaluate.pairs import PairsProtocol, run_pairs
 from headway_loadtest.evaluate.pairs_command import evaluate_pairs
-from headway_loadtest.evaluate.pairs_drive import load, stories
+from headway_loadtest.evaluate.pairs_drive import judge, load, stories
 from headway_loadtest.inject import Kind
 from headway_loadtest.trajectory import SourceError
 
@@ -39,6 +41,16 @@ def test_a_row_for_each_set_model_delay_severity_and_kind(result) -> None:
     assert keys == [(keys[0][0], "ca", 0.5, 1.0, "all"), (keys[0][0], "headway", 0.5, 1.0, "all")]
     assert {row["set"] for row in result["clean"]} == {keys[0][0], "all"}
     json.dumps(result, allow_nan=False)
+
+
+def test_what_a_model_is_warmed_up_for_is_what_a_drive_needs(pair_file) -> None:
+    """Else each process compiles for itself, into one cache; the delay is one that no other test has."""
+    model = models.build(DetectorConfig(model="ekf", delay_s=0.3))
+    model.warm_up()
+    warm = list(model.step_batch.signatures)
+    pair = load(pair_file)
+    judge(model, pair, stories(pair, 0, (1.0,), ("all",), 1, 0), 0)
+    assert model.step_batch.signatures == warm
 
 
 def test_the_default_model_finds_nearly_all_on_an_easy_road(result) -> None:

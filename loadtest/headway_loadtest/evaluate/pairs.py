@@ -82,6 +82,8 @@ def run_pairs(
     parts = [Part(pair, which, model, delay_s, None, protocol) for (which, pair), model, delay_s in cells]
     gateless = [part for part in parts if _takes_gate(part)]
     scores: dict[Cell, dict[Telling, list[Score]]] = {}
+    for part in {(part.model, part.delay_s): part for part in parts}.values():
+        _model(part).warm_up()
     with _workers(processes) as spread:
         done, of = 0, len(gateless) + len(parts)
         honest: dict[Cell, list[tuple[F64, float]]] = {}

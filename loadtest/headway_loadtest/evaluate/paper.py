@@ -186,7 +186,9 @@ def _map(tasks: Sequence[Task], processes: int) -> Iterator[Part]:
     if processes == 1:
         yield from map(_part, tasks)
         return
-    _compile(tasks[0])
+    one_of_each_delay = {delay_s: (leader, protocol, delay_s, seed) for leader, protocol, delay_s, seed in tasks}
+    for task in one_of_each_delay.values():
+        _compile(task)
     with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
         try:
             yield from pool.map(_part, tasks)
@@ -195,7 +197,7 @@ def _map(tasks: Sequence[Task], processes: int) -> Iterator[Part]:
 
 
 def _compile(task: Task) -> None:
-    """Fill the kernels' cache once, before every process would do so for itself."""
+    """Fill the kernels' cache, before every process would do so for itself (`Model.warm_up` says why)."""
     leader, protocol, delay_s, seed = task
     short = Leader(leader.x_m[:SAMPLES_MIN], leader.v_mps[:SAMPLES_MIN])
     follower = drive(short, delay_s, 0.0, seed)

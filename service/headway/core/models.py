@@ -9,7 +9,7 @@ from scipy.special import chdtri
 
 from headway.core import constant_acceleration as ca
 from headway.core import imm
-from headway.core.bank import BatchKernel, RowKernel
+from headway.core.bank import BatchKernel, RowKernel, readings, verdicts
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.delay import input_ring, slots
@@ -29,6 +29,15 @@ class Model:
     params: Any
     step_row: RowKernel
     step_batch: BatchKernel
+
+    def warm_up(self) -> None:
+        """Compile or load `step_batch`.
+
+        Of several processes that would compile one kernel for different rows, as those of different delays are, one
+        overwrites what the other keeps: whoever starts them does this before.
+        """
+        nothing = np.zeros(0, np.int64)
+        self.step_batch(np.zeros(1, self.dtype), nothing, readings(0), self.params, verdicts(0))
 
 
 def paper_dtype(order: int, delay_s: float) -> np.dtype[np.void]:

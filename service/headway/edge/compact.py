@@ -88,7 +88,7 @@ def _read(
     out_records: I64,
 ) -> int:
     """Fill in the columns and return how many records there are, -1 where a payload is not for here."""
-    word = np.zeros(1, WORD)[0]
+    room = np.zeros(1, WORD)  # an array, used to the end: a record does not keep its array alive
     count, at, end = 0, 0, 0
     for payload in range(sizes.size):
         end += sizes[payload]
@@ -101,7 +101,7 @@ def _read(
         for _ in range(records):
             if count == ids.shape[0]:
                 return -1
-            at = _record(buffer, at, end, limits, word, count, numbers, ids, leader_ids)
+            at = _record(buffer, at, end, limits, room[0], count, numbers, ids, leader_ids)
             if at < 0 or same(ids, count, leader_ids, count):
                 return -1
             if owners[payload, 0] != 0 and not same(ids, count, owners, payload):
