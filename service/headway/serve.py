@@ -6,7 +6,7 @@ from pathlib import Path
 
 import structlog
 
-from headway import core_digest
+from headway import core_digest, kernel_cache
 from headway.core.engine import Engine
 from headway.edge import logs
 from headway.edge.bus import BusConfig, ZenohBus
@@ -113,8 +113,9 @@ def serve(loaded: Loaded) -> None:
     )
     with _http(settings, metrics, vitals) as http:
         _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
-        engine.warm_up()
-        codec.warm_up()
+        with kernel_cache.alone():
+            engine.warm_up()
+            codec.warm_up()
         if keeper is not None:
             keeper.snapshots.load()
         vitals.warm = True
