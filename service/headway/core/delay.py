@@ -68,17 +68,15 @@ def push_input(row: Any, t: float, rear_x_m: float, v_mps: float) -> None:
 def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
     """Return slots (i, j) of the entries around `t` and the weight of j; i == j outside the ring."""
     size = times.size
-    newest = count - 1
-    oldest = max(0, count - size)
-    if t >= times[newest % size]:
-        return newest % size, newest % size, 0.0
-    at = newest
-    while at > oldest and times[(at - 1) % size] > t:
-        at -= 1
-    if at == oldest:
-        return oldest % size, oldest % size, 0.0
-    i, j = (at - 1) % size, at % size
-    return i, j, (t - times[i]) / (times[j] - times[i])
+    j = (count - 1) % size
+    if t >= times[j]:
+        return j, j, 0.0
+    for _ in range(min(count, size) - 1):
+        i = j - 1 if j > 0 else size - 1
+        if times[i] <= t:
+            return i, j, (t - times[i]) / (times[j] - times[i])
+        j = i
+    return j, j, 0.0
 
 
 @njit(cache=True)
