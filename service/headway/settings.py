@@ -151,7 +151,7 @@ class Settings(BaseSettings):
     )
     bundle_limit: int = _knob(512, "A bundle of more records is refused as bundle_too_large.", ge=1, le=65_536)
     idle_sleep_s: float = _knob(
-        0.001, "Rest between turns, in which a batch gathers; the larger, the less CPU.", "s", gt=0, le=0.1
+        0.001, "Longest rest between turns, in which a batch gathers; the larger, the less CPU.", "s", gt=0, le=0.1
     )
 
     state_rate_hz: float = _knob(1.0, "States of each vehicle told per second; 0 tells none.", "Hz", ge=0, le=10)

@@ -225,6 +225,22 @@ def test_the_loop_rests_after_each_turn_but_not_behind_a_backlog_and_longer_when
     assert rests[-1] == 0.005
 
 
+def test_a_turn_of_four_rests_is_followed_by_a_quarter_of_one() -> None:
+    rig = Rig(StubEngine())
+    judge, rests = rig.engine.step, list[float]()
+
+    def judge_slowly(batch, now_us):
+        FakeClock.sleep(rig.clock, 0.002)
+        return judge(batch, now_us)
+
+    rig.engine.step = judge_slowly
+    rig.clock.sleep = rests.append
+    rig.bus.deliver(arrival(record()))
+    turns = iter(range(2))
+    rig.shell.run(lambda: next(turns, None) is None)
+    assert rests == [0.000125, 0.0005]
+
+
 def test_drain_judges_what_is_queued_and_tells_a_last_report() -> None:
     rig = Rig(StubEngine(), batch_limit=2)
     for _ in range(5):

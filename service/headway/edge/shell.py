@@ -83,7 +83,7 @@ class Shell:
         self._latencies = latencies
         self._reporter = reporter
         self._keeper = keeper
-        self._tick_ns = self._heard_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
+        self._tick_ns = self._turned_ns = self._heard_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
         self._copies: Counter[Outcome] = Counter()
         self._shed = 0
 
@@ -112,7 +112,7 @@ class Shell:
 
     def turn(self) -> int:
         """Take what has come, judge it, tell what comes of it; return how many messages that was."""
-        now_ns = self._clock.monotonic_ns()
+        now_ns = self._turned_ns = self._clock.monotonic_ns()
         arrivals = self._bus.drain(self._config.batch_limit, self._config.batch_bytes_limit, now_ns)
         if arrivals or now_ns >= self._tick_ns:
             self._tick_ns = now_ns + _TICK_NS
@@ -196,12 +196,14 @@ class Shell:
         self._bus.publish(Channel.REJECTED, self._keys.rejected(reason.label), encode(copy))
 
     def _rest(self, taken: int) -> None:
-        now_ns = self._clock.monotonic_ns()
+        """Let a batch gather: the shorter, the longer the turn took beyond a rest, for then it was a large batch."""
+        now_ns, idle_s = self._clock.monotonic_ns(), self._config.idle_sleep_s
         if taken:
             self._heard_ns = now_ns
         if self._bus.waiting <= max(taken, _REST_UNLESS_WAITING):
             is_quiet = now_ns - self._heard_ns > _QUIET_NS
-            self._clock.sleep(self._config.idle_sleep_s * (_QUIET_REST if is_quiet else 1))
+            turn_s = (now_ns - self._turned_ns) / 1e9
+            self._clock.sleep(idle_s * (_QUIET_REST if is_quiet else idle_s / max(idle_s, turn_s)))
 
     def _collect(self, *, idle: bool) -> None:
         now_ns = self._clock.monotonic_ns()
