@@ -5,8 +5,9 @@ import os
 
 import zenoh
 
-os.environ.setdefault("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
-"""zenoh takes it from the environment alone: one thread to hear alerts is enough."""
+os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
+"""zenoh takes it from the environment alone: one thread to hear alerts is enough. As the service has it, since one that
+is started from here inherits it and must cost what it costs elsewhere."""
 
 CONNECT_S = 10.0
 BLOCK_S = 60.0
