@@ -8,7 +8,6 @@ import sys
 import tempfile
 import threading
 import time
-import urllib.error
 import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -90,7 +89,7 @@ def _wait_until_ready(process: subprocess.Popen[bytes], url: str, words: IO[str]
         try:
             with urllib.request.urlopen(url, timeout=1.0):  # noqa: S310
                 return
-        except (urllib.error.URLError, TimeoutError):
+        except OSError:  # not there yet, or starting anew
             time.sleep(0.1)
     raise UserError(f"the service was not ready within {READY_S:.0f} s: {_last_line(words)}")
 

@@ -17,10 +17,19 @@ def alone() -> Iterator[None]:
     delays, the second overwrites what the index promises for the first, and whoever loads that runs code for other
     rows. A folder that cannot be written is not filled either, and nobody waits.
     """
-    folder = Path(os.environ["NUMBA_CACHE_DIR"])
+    folder = _folder()
     with ExitStack() as held:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             lock = held.enter_context((folder / LOCK).open("w"))
             fcntl.flock(lock, fcntl.LOCK_EX)
         yield
+
+
+def kept() -> int:
+    """Return how many compiled kernels the folder holds."""
+    return sum(1 for _ in _folder().rglob("*.nbc"))
+
+
+def _folder() -> Path:
+    return Path(os.environ["NUMBA_CACHE_DIR"])

@@ -1,6 +1,8 @@
 """`headway serve`: the service put together, run until it is told to stop, and taken apart in order."""
 
+import os
 import signal
+import sys
 import threading
 from pathlib import Path
 
@@ -114,8 +116,14 @@ def serve(loaded: Loaded) -> None:
     with _http(settings, metrics, vitals) as http:
         _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
         with kernel_cache.alone():
+            kept = kernel_cache.kept()
             engine.warm_up()
             codec.warm_up()
+            compiled = kernel_cache.kept() - kept
+        if compiled and not stop.is_set():
+            # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
+            _log.info("starting anew", compiled=compiled)
+            os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
         if keeper is not None:
             keeper.snapshots.load()
         vitals.warm = True

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -44,14 +45,19 @@ class Service:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "headway", "serve"], env=without_headway() | settings | (more or {}), stderr=log
             )
-        until(self._announced, START_S)
-        self.url = f"http://127.0.0.1:{self._announced()}"
-        until(lambda: httpx.get(f"{self.url}/readyz").status_code == 200, START_S)
+        until(self._is_ready, START_S)
 
-    def _announced(self) -> int | None:
+    def _is_ready(self) -> bool:
+        """Whether it is, where it last said that it is to be asked: a start that compiles is followed by another."""
         ports = [line["http_port"] for line in self.log() if "http_port" in line]
         assert self.process.poll() is None, self._log.read_text(encoding="utf-8")
-        return ports[0] if ports else None
+        if not ports:
+            return False
+        self.url = f"http://127.0.0.1:{ports[-1]}"
+        try:
+            return httpx.get(f"{self.url}/readyz").status_code == 200
+        except httpx.TransportError:
+            return False
 
     def log(self) -> list[dict]:
         return [json.loads(line) for line in self._log.read_text(encoding="utf-8").splitlines()]
@@ -101,6 +107,17 @@ def drive(sender: zenoh.Session, readings: int, lie_from: int) -> int:
             record = [1, name, k % 128, t_us, lat, -83.0, 15.0, 0.0, None, None, None, 4.5]
             sender.put(KEYS.bsm(name), msgpack.packb(record), encoding=BSM_MSGPACK, congestion_control=BLOCK)
     return 2 * readings
+
+
+def test_a_start_that_had_to_compile_is_followed_by_one_without_a_compiler(tmp_path: Path) -> None:
+    kernels = tmp_path / "kernels"
+    shutil.copytree(os.environ["NUMBA_CACHE_DIR"], kernels)
+    for missing in kernels.rglob("silence.renamed*"):
+        missing.unlink()
+    service = Service(tmp_path, {"NUMBA_CACHE_DIR": str(kernels)})
+    said = [line["event"] for line in service.log()]
+    assert (said.count("starting"), said.count("starting anew"), said.count("ready")) == (2, 1, 1)
+    assert service.stop() == 0
 
 
 def test_a_lie_becomes_an_alert_and_every_message_is_accounted_for(service: Service, car: zenoh.Session) -> None:

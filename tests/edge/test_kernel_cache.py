@@ -38,6 +38,14 @@ def test_what_goes_wrong_inside_lets_the_next_one_in(folder) -> None:
         assert (folder / kernel_cache.LOCK).exists()
 
 
+def test_kernels_are_counted_wherever_they_lie(folder) -> None:
+    assert kernel_cache.kept() == 0
+    (folder / "core").mkdir(parents=True)
+    for name in ("one.1.nbc", "one.2.nbc", "one.nbi"):
+        (folder / "core" / name).touch()
+    assert kernel_cache.kept() == 2
+
+
 def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path, monkeypatch) -> None:
     (tmp_path / "file").write_bytes(b"")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "kernels"))
