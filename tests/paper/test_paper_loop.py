@@ -37,7 +37,7 @@ def test_the_oracle_leaves_no_innovation_to_the_truth(leader: Leader, model: str
     bank, p = row_after(leader, model, 100)
     predict(bank[0], 10.1, p, np.zeros(1, ROOM)[0])
     before = bank[0]["P"].copy()
-    stand_in_truth(bank[0], 70.0, 12.0, p)
+    stand_in_truth(bank[0], 70.0, 12.0, p, np.zeros(1, ROOM)[0])
     nu_x, nu_v, *_ = innovate(bank[0], 70.0, 12.0, p)
     assert (nu_x, nu_v) == pytest.approx((0.0, 0.0), abs=1e-12)
     assert np.trace(bank[0]["P"]) < np.trace(before)

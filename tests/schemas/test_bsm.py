@@ -111,4 +111,4 @@ def test_messages_are_values() -> None:
     bsm = Bsm.model_validate(FULL)
     assert bsm.leader == Leader(id="b", range_m=22.0, range_rate_mps=-0.3)
     with pytest.raises(ValidationError, match="frozen"):
-        bsm.speed_mps = 0.0  # type: ignore[misc]
+        bsm.speed_mps = 0.0  # type: ignore[misc]  # what mypy refuses as well is what is tried

@@ -17,7 +17,7 @@ from numba import njit
 from headway.core.bank import verdicts
 from headway.core.config import DetectorConfig
 from headway.core.delay import push_own
-from headway.core.filter import ROOM, FilterParams, innovate, step_row, update
+from headway.core.filter import ROOM, FilterParams, innovate, step, update
 from headway.core.models import paper_dtype, paper_params
 from headway.core.records import Records
 from headway_loadtest.evaluate.paper_follower import Follower
@@ -63,13 +63,14 @@ def run(
 def judge(
     row: Any, readings: Any, p: FilterParams, true_x_m: F64, true_v_mps: F64, oracle: bool, constant: bool, judged: Any
 ) -> None:
-    """`step_row` along a drive, with the experiment's history before it and its oracle after."""
+    """`step` along a drive, with the experiment's history before it and its oracle after."""
+    room = np.zeros(1, ROOM)
     for k in range(readings.size):
         if constant and p.delay_s > 0.0 and row.count > 0:
             flatten_history(row, p.delay_s)
-        step_row(row, readings[k], p, judged[k])
+        step(row, readings[k], p, judged[k], room[0])
         if oracle and judged[k].anomalous:
-            stand_in_truth(row, true_x_m[k], true_v_mps[k], p)
+            stand_in_truth(row, true_x_m[k], true_v_mps[k], p, room[0])
             judged[k].x_m = true_x_m[k]
             judged[k].v_mps = true_v_mps[k]
 
@@ -83,15 +84,13 @@ def flatten_history(row: Any, delay_s: float) -> None:
 
 
 @njit(cache=True)
-def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams) -> None:
+def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams, room: Any) -> None:
     """Update with the truth as the reading, then set s so that H s is the truth, in the newest memory as well.
 
     Who knows the truth need not begin anew: the rejections are forgotten.
     """
     nu_x, nu_v, s_xx, s_xv, s_vv, _ = innovate(row, x_m, v_mps, p)
-    room = np.zeros(1, ROOM)
-    for place in range(room.size):  # a record does not keep its array alive, a loop over it does
-        update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room[place])
+    update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room)
     row.s[0] = x_m - row.s[2] if row.s.size == 3 else x_m
     row.s[1] = v_mps
     row.rejections = 0

@@ -11,7 +11,6 @@ import numpy as np
 
 from headway.core.records import READING, VERDICT, Records
 
-RowKernel = Callable[[Any, Any, Any, Any], None]
 BatchKernel = Callable[[Records, "np.ndarray[Any, np.dtype[np.int64]]", Records, Any, Records], None]
 
 

@@ -9,12 +9,12 @@ from scipy.special import chdtri
 
 from headway.core import constant_acceleration as ca
 from headway.core import imm
-from headway.core.bank import BatchKernel, RowKernel, readings, verdicts
+from headway.core.bank import BatchKernel, readings, verdicts
 from headway.core.car_following import IdmParams
 from headway.core.config import DetectorConfig
 from headway.core.delay import input_ring, slots
 from headway.core.episode import EPISODE
-from headway.core.filter import FilterParams, step_batch, step_row
+from headway.core.filter import FilterParams, step_batch
 
 READINGS_PER_HOUR = 36_000
 """At the nominal 10 Hz of SAE J2945/1."""
@@ -27,7 +27,6 @@ class Model:
     name: str
     dtype: np.dtype[np.void]
     params: Any
-    step_row: RowKernel
     step_batch: BatchKernel
 
     def warm_up(self) -> None:
@@ -84,17 +83,17 @@ def paper_params(config: DetectorConfig) -> FilterParams:
 
 
 def _paper(name: str, order: int, config: DetectorConfig) -> Model:
-    return Model(name, paper_dtype(order, config.delay_s), paper_params(config), step_row, step_batch)
+    return Model(name, paper_dtype(order, config.delay_s), paper_params(config), step_batch)
 
 
 def _headway(config: DetectorConfig) -> Model:
     dtype = imm.headway_dtype(config.delay_s)
-    return Model("headway", dtype, imm.headway_params(config), imm.step_row, imm.step_batch)
+    return Model("headway", dtype, imm.headway_params(config), imm.step_batch)
 
 
 MODELS: dict[str, Callable[[DetectorConfig], Model]] = {
     "headway": _headway,
-    "ca": lambda config: Model("ca", ca.CA, ca.ca_params(config), ca.step_row, ca.step_batch),
+    "ca": lambda config: Model("ca", ca.CA, ca.ca_params(config), ca.step_batch),
     "ekf": lambda config: _paper("ekf", 2, config),
     "aekf": lambda config: _paper("aekf", 3, config),
 }
