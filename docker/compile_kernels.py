@@ -3,10 +3,10 @@
 import sys
 from itertools import product
 
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.core.models import MODELS
-from headway.edge.codec import Codec
+from headway.core.estimation.registry import MODELS
+from headway.core.types.config import DetectorConfig
+from headway.edge.codec.decoder import Codec
 from headway_schemas.keys import Keys
 
 for model, delay_s in product(MODELS, sys.argv[1:]):

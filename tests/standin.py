@@ -8,10 +8,10 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from headway.dashboard.feed import Heard, History, Link, Message
+from headway.client import Heard, History, Link, Message
 from headway_schemas import Event, Evidence, Health, Innovation, Keys, Kind, PairState, Phase, Recovered, Sensor
 from headway_schemas.event import Stage
-from headway_schemas.history import EVENTS, AlertsQuery
+from headway_schemas.query import EVENTS, AlertsQuery
 from headway_schemas.state import Standing
 
 COLUMNS = (

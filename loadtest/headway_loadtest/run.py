@@ -6,24 +6,27 @@ reports, the last one before the first message and the one after the last outcom
 
 import gc
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from typing import NamedTuple, Protocol
 
 import zenoh
 
-from headway_loadtest.corrupt import Label
-from headway_loadtest.encode import Encoder
-from headway_loadtest.frames import Frame
-from headway_loadtest.latency import Percentiles, measure, of_buckets, of_histogram
-from headway_loadtest.ledger import Ledger, settle
-from headway_loadtest.listen import Health, Heard, Listener
-from headway_loadtest.quality import Quality, assess
-from headway_loadtest.replay import Clock, Put, Sent, SystemClock, put_on, send
-from headway_loadtest.schedule import Schedule
-from headway_loadtest.session import Link
-from headway_loadtest.surge import Surge, Surged, assess_surge
+from headway_loadtest.clock import Clock, SystemClock
+from headway_loadtest.inject.apply import Label
+from headway_loadtest.measure.accounting import settle
+from headway_loadtest.measure.detection import assess
+from headway_loadtest.measure.overload import assess_surge
+from headway_loadtest.measure.percentiles import Percentiles, measure, of_buckets, of_histogram
+from headway_loadtest.measure.result import INTENDED, Outcome, Service
+from headway_loadtest.measure.subscriber import Health, Heard, Listener
+from headway_loadtest.traffic.encode import Encoder
+from headway_loadtest.traffic.frames import Frame
+from headway_loadtest.traffic.schedule import Schedule
+from headway_loadtest.traffic.send import Put, Sent, put_on, send
+from headway_loadtest.traffic.session import Link
+from headway_loadtest.traffic.surge import Surge
 from headway_schemas import Keys, Kind
 
 SERVICE_WAIT_S = 5.0
@@ -32,8 +35,6 @@ SETTLE_S = 15.0
 QUIET_S = 2.0
 PROGRESS_NS = 100_000_000
 MINUTE_NS = 60_000_000_000
-INTENDED = "intended"
-"""The service's stage from a message's event time to its outcome."""
 
 
 class Frames(Protocol):
@@ -72,54 +73,6 @@ class Progress(NamedTuple):
     """Replay time."""
     sent: int
     alerts: int
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Service:
-    """The service's side, from its own reports. Costs and latencies are since the warm-up; None: it does not say."""
-
-    instance: str
-    ledger: Ledger
-    stages: Mapping[str, Percentiles]
-    cpu_us: float | None
-    """Per record."""
-    rss_mb: float | None
-    rss_warm_mb: float | None
-    rss_minute_mb: float | None = None
-    """A minute after the start, for what runs longer."""
-    surged: Surged | None = None
-
-    @property
-    def rss_ratio(self) -> float | None:
-        """Memory at the end by that after a minute."""
-        return self.rss_mb / self.rss_minute_mb if self.rss_mb and self.rss_minute_mb else None
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Outcome:
-    """What a run came to. `service` is None when nobody reported on the site."""
-
-    vehicles: int
-    seconds: float
-    warmup_s: float
-    speed: float
-    sent: int
-    late: Percentiles | None
-    """Of the generator itself, since the warm-up."""
-    stalled_s: float
-    generator_cpu_us: float
-    """Per record."""
-    alert_latency: Percentiles | None
-    """From the intended send time of the first reading in doubt until the alert is with a subscriber."""
-    alerts: int
-    unread: int
-    quality: Quality
-    service: Service | None
-
-    @property
-    def latency(self) -> Percentiles | None:
-        """From the intended send time to the outcome; unknown at other speeds than 1, where event time is not it."""
-        return self.service.stages.get(INTENDED) if self.service and self.speed == 1.0 else None
 
 
 @dataclass(frozen=True, slots=True)

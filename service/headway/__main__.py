@@ -1,6 +1,6 @@
 """`python -m headway`, and the `headway` command."""
 
-from headway.cli import main
+from headway.cli.app import main
 
 if __name__ == "__main__":
     main()

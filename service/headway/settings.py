@@ -20,7 +20,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
 
-from headway.core.config import DetectorConfig
+from headway.core.types.config import DetectorConfig
 from headway.errors import UserError
 from headway_schemas.keys import ID_PATTERN, sanitise_id
 

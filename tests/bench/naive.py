@@ -13,8 +13,8 @@ from typing import Any
 
 import msgpack
 import numpy as np
-import ordinary
 import zenoh
+from bench import ordinary
 
 from headway_schemas import Keys
 from headway_schemas.bsm import Bsm, from_record

@@ -20,7 +20,7 @@ from stonesoup.types.hypothesis import SingleHypothesis
 from stonesoup.types.state import GaussianState
 from stonesoup.updater.kalman import ExtendedKalmanUpdater
 
-from headway.core.car_following import IdmParams, idm
+from headway.core.estimation.car_following import IdmParams, idm
 
 DT_S = 0.1
 LENGTH_M = 4.7

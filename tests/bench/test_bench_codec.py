@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from headway.edge.arrival import Arrival
-from headway.edge.codec import Codec
+from headway.edge.codec.decoder import Codec
+from headway.edge.transport.message import Arrival
 from headway_schemas import Keys
 from headway_schemas.bsm import FIELDS
 from headway_schemas.encodings import BSM_MSGPACK

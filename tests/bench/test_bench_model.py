@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ordinary import FilterpyPair, FilterpyTen, NumpyPairs, StoneSoupPair
+from bench.ordinary import FilterpyPair, FilterpyTen, NumpyPairs, StoneSoupPair
 from pytest_benchmark.fixture import BenchmarkFixture
 
-from headway.core import models
-from headway.core.bank import readings, verdicts
-from headway.core.config import DetectorConfig
+from headway.core.estimation import registry
+from headway.core.runtime.rows import readings, verdicts
+from headway.core.types.config import DetectorConfig
 
 pytestmark = pytest.mark.bench
 PAIRS = (1, 16, 100, 1_000, 10_000)
@@ -47,7 +47,7 @@ def measure(benchmark: BenchmarkFixture, pairs: int, judge: Callable[..., Any], 
 @pytest.mark.parametrize("pairs", PAIRS)
 @pytest.mark.parametrize("name", ["headway", "ekf", "ca"])
 def test_ours(benchmark: BenchmarkFixture, name: str, pairs: int) -> None:
-    model = models.build(DetectorConfig(model=name, vehicle_capacity=pairs, delay_s=0.0))
+    model = registry.build(DetectorConfig(model=name, vehicle_capacity=pairs, delay_s=0.0))
     road = Road(pairs)
     bank, rows, judged = np.zeros(pairs, model.dtype), np.random.default_rng(1).permutation(pairs), verdicts(pairs)
 

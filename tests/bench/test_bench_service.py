@@ -15,10 +15,11 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 from sim.loopback import free_endpoint
 
-from headway.child import running_service
-from headway_loadtest.fleet_frames import FleetFrames
-from headway_loadtest.run import Outcome, Plan, run
-from headway_loadtest.session import SessionError, connect
+from headway.cli.service_process import running_service
+from headway_loadtest.measure.result import Outcome
+from headway_loadtest.run import Plan, run
+from headway_loadtest.traffic.fleet import FleetFrames
+from headway_loadtest.traffic.session import SessionError, connect
 from headway_schemas import Keys
 
 pytestmark = pytest.mark.bench

@@ -8,13 +8,13 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 from sim.rig import KEYS, Rig
 
-from headway.core import pairing
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.edge.arrival import Arrival
-from headway_loadtest.encode import Encoder
-from headway_loadtest.fleet_frames import FleetFrames
-from headway_loadtest.schedule import Schedule
+from headway.core.tracking import pairing
+from headway.core.types.config import DetectorConfig
+from headway.edge.transport.message import Arrival
+from headway_loadtest.traffic.encode import Encoder
+from headway_loadtest.traffic.fleet import FleetFrames
+from headway_loadtest.traffic.schedule import Schedule
 from headway_schemas.encodings import BSM_MSGPACK
 
 pytestmark = pytest.mark.bench

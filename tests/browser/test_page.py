@@ -12,7 +12,7 @@ from typing import Any
 
 import httpx
 import pytest
-from devtools import Browser, chromium
+from browser.devtools import Browser, chromium
 from standin import Service, Traffic, event, free_port, health, service
 
 from headway_schemas import Event, Kind, Phase, RejectedCopy, Sensor

@@ -3,9 +3,9 @@
 import numpy as np
 from numba import njit
 
-from headway.core.bank import readings, verdicts
-from headway.core.config import DetectorConfig
-from headway.core.imm import headway_dtype, headway_params, step_row
+from headway.core.estimation.imm.step import headway_dtype, headway_params, step_row
+from headway.core.runtime.rows import readings, verdicts
+from headway.core.types.config import DetectorConfig
 
 NOISE = 0.01
 

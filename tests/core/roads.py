@@ -8,11 +8,11 @@ import numpy as np
 from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
-from headway.core.batch import F64, I64
-from headway.core.neighbours import new_grid
-from headway.core.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
-from headway.core.records import Records
-from headway.core.tracks import advance, leave_crumb, new_tracks
+from headway.core.tracking.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
+from headway.core.tracking.spatial_index import new_grid
+from headway.core.tracking.tracks import advance, leave_crumb, new_tracks
+from headway.core.types.batch import F64, I64
+from headway.core.types.records import Records
 
 START_US = 1_700_000_000_000_000
 STEP_S = 0.1

@@ -4,14 +4,14 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from traffic import LATENCY_US, START_US, STEP_US, Platoon, batch
+from core.traffic import LATENCY_US, START_US, STEP_US, Platoon, batch
 
-from headway.core.batch import Batch
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.core.outcome import Outcome
-from headway.core.records import Kind, Sensor
-from headway.core.turn import AnomalyEvent, Phase, Turn
+from headway.core.types.batch import Batch
+from headway.core.types.config import DetectorConfig
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import Kind, Sensor
+from headway.core.types.step_result import AnomalyEvent, Phase, Turn
 
 CONFIG = DetectorConfig(model="ekf", delay_s=0.0, vehicle_capacity=16)
 WARM = CONFIG.warming_readings + 1

@@ -4,16 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from traffic import LATENCY_US, Platoon, batch
+from core.traffic import LATENCY_US, Platoon, batch
 
-from headway.core.batch import Batch
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.core.outcome import Outcome
-from headway.core.records import Kind
 from headway.core.replay import replay
-from headway.core.snapshot import whole
-from headway.core.turn import AnomalyEvent, Phase, Turn
+from headway.core.types.batch import Batch
+from headway.core.types.config import DetectorConfig
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import Kind
+from headway.core.types.snapshot import whole
+from headway.core.types.step_result import AnomalyEvent, Phase, Turn
 
 CONFIG = DetectorConfig(model="aekf", vehicle_capacity=16, warming_readings=20)
 

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from headway.core.batch import Batch
-from headway.core.names import names
+from headway.core.types.batch import Batch
+from headway.core.types.identifiers import names
 
 START_US = 1_700_000_000_000_000
 STEP_US = 100_000

@@ -1,9 +1,9 @@
 import pytest
-from pageclient import PageClient
+from dashboard.pageclient import PageClient
 from standin import START_US, FakeFeed, event
 
 from headway.dashboard.app import EVIDENCE_FIRST, EVIDENCE_LAST, VIEWER_LIMIT, create_app
-from headway.dashboard.hub import Hub
+from headway.dashboard.broadcast import Hub
 from headway_schemas import Kind, Phase
 
 JOURNAL = [

@@ -10,7 +10,7 @@ import pytest
 from standin import START_US, FakeFeed, Traffic
 
 from headway.dashboard import DashboardError
-from headway.dashboard.hub import Hub
+from headway.dashboard.broadcast import Hub
 from headway.dashboard.server import STALL_S, Server, bind, serve
 
 

@@ -6,7 +6,7 @@ import pytest
 from rich.console import Console
 from standin import START_US, FakeFeed, Traffic, event, health
 
-from headway.dashboard.feed import Link
+from headway.client import Link
 from headway.dashboard.watch import Watcher, json_lines, plain_lines, screen, watch
 from headway_schemas import Phase
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import typer
 
-from headway.cli import app
+from headway.cli.app import app
 from headway.settings import ENV_PREFIX, Settings, load
 
 ROOT = Path(__file__).resolve().parents[2]

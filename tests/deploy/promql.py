@@ -3,11 +3,11 @@
 import re
 from collections.abc import Iterator
 
-from headway.core.outcome import Outcome
-from headway.core.turn import Phase
-from headway.edge.latency import Stage
-from headway.edge.ledger import KINDS
-from headway.edge.metrics import TABLE, Type
+from headway.core.types.outcome import Outcome
+from headway.core.types.step_result import Phase
+from headway.edge.telemetry.accounting import KINDS
+from headway.edge.telemetry.latency import Stage
+from headway.edge.telemetry.metrics import TABLE, Type
 
 OF_PROMETHEUS = {"job", "instance"}
 """Labels that every scraped sample has."""

@@ -12,12 +12,12 @@ from pathlib import Path, PurePosixPath
 import pytest
 import yaml
 from compose_spec import PyCompose
-from dockerfile import BUILD, FINAL, environment, said
-from manifest import ROOT, names_no_registry, parse_command, settings_of
+from deploy.dockerfile import BUILD, FINAL, environment, said
+from deploy.manifest import ROOT, names_no_registry, parse_command, settings_of
 
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.core.models import MODELS
+from headway.core.estimation.registry import MODELS
+from headway.core.types.config import DetectorConfig
 from headway.settings import Settings
 
 DOCKER = ROOT / "docker"

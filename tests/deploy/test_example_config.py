@@ -3,10 +3,10 @@
 import tomllib
 
 import pytest
-from manifest import ROOT, settings_of
+from deploy.manifest import ROOT, settings_of
 from typer.testing import CliRunner
 
-from headway.cli import app
+from headway.cli.app import app
 from headway.settings import ENV_PREFIX
 
 EXAMPLE = ROOT / "deploy" / "headway.toml"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 import yaml
-from promql import asked, complaints
+from deploy.promql import asked, complaints
 
-from headway.edge.metrics import TABLE
+from headway.edge.telemetry.metrics import TABLE
 
 FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "grafana"
 DASHBOARD = json.loads((FOLDER / "headway.json").read_text())

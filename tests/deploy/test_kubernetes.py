@@ -7,8 +7,8 @@ import kubernetes_validate
 import pytest
 import yaml
 import zenoh
-from dockerfile import environment as image_environment
-from manifest import ROOT, names_no_registry, parse_command, settings_of
+from deploy.dockerfile import environment as image_environment
+from deploy.manifest import ROOT, names_no_registry, parse_command, settings_of
 
 from headway.settings import Settings
 

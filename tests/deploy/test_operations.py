@@ -9,23 +9,23 @@ import pytest
 import typer
 import yaml
 import zenoh
-from manifest import ROOT
+from deploy.manifest import ROOT
 from sim.until import until
 
-from headway.cli import app
-from headway.core.outcome import Outcome
+from headway.cli.app import app
+from headway.core.types.outcome import Outcome
 from headway.dashboard.app import create_app
-from headway.dashboard.board import Board
-from headway.dashboard.hub import Hub
-from headway.edge.bus import BusConfig, ZenohBus
+from headway.dashboard.broadcast import Hub
+from headway.dashboard.view_state import Board
 from headway.edge.clock import SystemClock
-from headway.edge.inbox import Inbox
-from headway.edge.journal import Reason
-from headway.edge.metrics import TABLE
+from headway.edge.storage.journal import Reason
+from headway.edge.telemetry.metrics import TABLE
+from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
 from headway.settings import Settings, allowed
 from headway_schemas import Event, Kind, Phase, Sensor, encodings
-from headway_schemas.history import EVENTS, AlertsQuery
 from headway_schemas.keys import Keys
+from headway_schemas.query import EVENTS, AlertsQuery
 from headway_schemas.state import Standing
 
 GUIDE = (ROOT / "docs" / "OPERATIONS.md").read_text()

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from promql import asked, complaints
+from deploy.promql import asked, complaints
 
 from headway.settings import Settings
 

@@ -7,7 +7,7 @@ from collections import defaultdict
 from pathlib import Path
 
 import pytest
-from manifest import ROOT, parse_command, settings_of
+from deploy.manifest import ROOT, parse_command, settings_of
 
 from headway.settings import Settings
 

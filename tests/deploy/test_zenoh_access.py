@@ -12,18 +12,18 @@ from types import ModuleType
 
 import pytest
 import zenoh
-from pki import Authority
+from deploy.pki import Authority
 from sim.until import until
 
-from headway.dashboard.feed import BusFeed
-from headway.edge.bus import BusConfig, ZenohBus
+from headway.client import BusFeed
 from headway.edge.clock import SystemClock
-from headway.edge.inbox import Inbox
-from headway.edge.ports import Channel
+from headway.edge.transport.ports import Channel
+from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
 from headway.settings import Settings
 from headway_schemas import RejectedCopy
-from headway_schemas.history import AlertsQuery
 from headway_schemas.keys import Keys
+from headway_schemas.query import AlertsQuery
 
 FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "zenoh"
 KEYS = Keys("v2x", "local")

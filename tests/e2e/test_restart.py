@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 import zenoh
+from e2e.serving import KEYS, Service, drive, without_headway
 from sim.loopback import session
 from sim.until import until
-from test_service import KEYS, Service, drive, without_headway
 
 from headway_schemas import Event
 from headway_schemas.event import Phase
-from headway_schemas.history import EVENTS, AlertsQuery
+from headway_schemas.query import EVENTS, AlertsQuery
 
 
 @pytest.fixture

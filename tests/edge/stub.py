@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from headway.core.batch import Batch
-from headway.core.outcome import Outcome
-from headway.core.records import READING, Kind, Sensor
-from headway.core.turn import AnomalyEvent, Evidence, PairStates, Phase, Turn
+from headway.core.types.batch import Batch
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import READING, Kind, Sensor
+from headway.core.types.step_result import AnomalyEvent, Evidence, PairStates, Phase, Turn
 
 
 class StubEngine:

@@ -7,10 +7,11 @@ import msgpack
 import pytest
 import zenoh
 
-from headway_loadtest.fleet_frames import FleetFrames
-from headway_loadtest.inject import Kind, Spec
-from headway_loadtest.run import INTENDED, Plan, run
-from headway_loadtest.session import SessionError, connect
+from headway_loadtest.inject.faults import Kind, Spec
+from headway_loadtest.measure.result import INTENDED
+from headway_loadtest.run import Plan, run
+from headway_loadtest.traffic.fleet import FleetFrames
+from headway_loadtest.traffic.session import SessionError, connect
 from headway_schemas import Keys
 
 KEYS = Keys("v2x", "crossing")
@@ -102,7 +103,7 @@ def test_a_run_over_zenoh_is_judged_to_the_last_message():
 
 
 def test_nobody_at_the_other_end_is_one_line(monkeypatch):
-    monkeypatch.setattr("headway_loadtest.session.CONNECT_S", 0.3)
+    monkeypatch.setattr("headway_loadtest.traffic.session.CONNECT_S", 0.3)
     endpoint = free_endpoint()
     with pytest.raises(SessionError) as caught:
         connect(endpoint)

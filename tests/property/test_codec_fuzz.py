@@ -10,10 +10,11 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from headway.core.batch import Batch
-from headway.core.outcome import REJECTIONS
-from headway.edge.arrival import Arrival
-from headway.edge.codec import Codec, Decoded, encode, rejected_copy
+from headway.core.types.batch import Batch
+from headway.core.types.outcome import REJECTIONS
+from headway.edge.codec.decoder import Codec, Decoded
+from headway.edge.codec.messages import encode, rejected_copy
+from headway.edge.transport.message import Arrival
 from headway_schemas import Bsm, Keys
 from headway_schemas.bsm import FIELDS, from_record, to_map, to_record
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, J2735_ODE, J2735_RAW

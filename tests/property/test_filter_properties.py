@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from headway.core.bank import readings, verdicts
-from headway.core.config import DetectorConfig
-from headway.core.filter import step_batch, step_row
-from headway.core.models import paper_dtype, paper_params
+from headway.core.estimation.delayed_ekf import step_batch, step_row
+from headway.core.estimation.registry import paper_dtype, paper_params
+from headway.core.runtime.rows import readings, verdicts
+from headway.core.types.config import DetectorConfig
 
 ORDERS = {"ekf": 2, "aekf": 3}
 DELAY_MAX_S = 5.0

@@ -5,10 +5,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from headway.core.bank import readings, verdicts
-from headway.core.config import DetectorConfig
-from headway.core.hypotheses import CALM, HEALTHY, SINGLE
-from headway.core.imm import headway_dtype, headway_params, step_row
+from headway.core.estimation.imm.modes import CALM, HEALTHY, SINGLE
+from headway.core.estimation.imm.step import headway_dtype, headway_params, step_row
+from headway.core.runtime.rows import readings, verdicts
+from headway.core.types.config import DetectorConfig
 
 CONFIG = DetectorConfig(alarm_budget_per_hour=0.1)
 P, ROW = headway_params(CONFIG), headway_dtype(CONFIG.delay_s)

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from headway.core.link import LINK, LINK_VERDICT, link_params, step_links
-from headway.core.records import READING
+from headway.core.consistency.pair_tests import LINK, LINK_VERDICT, link_params, step_links
+from headway.core.types.records import READING
 
 P = link_params(budget_per_hour=1.0)
 ROWS, LEADERS = np.arange(2), np.array([-1, 0])

@@ -7,12 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from headway.core.geometry import metres_per_degree
-from headway.core.neighbours import new_grid
-from headway.core.outcome import Outcome
-from headway.core.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
-from headway.core.records import Records
-from headway.core.tracks import CRUMB_SPACING_M, CRUMBS, X, advance, leave_crumb, new_tracks
+from headway.core.tracking.geodesy import metres_per_degree
+from headway.core.tracking.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
+from headway.core.tracking.spatial_index import new_grid
+from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, X, advance, leave_crumb, new_tracks
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import Records
 
 ROWS = 4
 START_US = 1_700_000_000_000_000

@@ -3,10 +3,10 @@
 from collections import deque
 from dataclasses import dataclass, field
 
-from headway.core.outcome import Outcome
-from headway.edge.arrival import Arrival
-from headway.edge.inbox import Inbox
-from headway.edge.ports import Channel
+from headway.core.types.outcome import Outcome
+from headway.edge.transport.message import Arrival
+from headway.edge.transport.ports import Channel
+from headway.edge.transport.receive_queue import Inbox
 
 
 @dataclass

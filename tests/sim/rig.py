@@ -7,15 +7,16 @@ from typing import Any
 from sim.clock import FakeClock
 from sim.memory_bus import MemoryBus
 
-from headway.edge.codec import Codec
-from headway.edge.inbox import Inbox
-from headway.edge.keeper import Keeper, KeeperConfig
-from headway.edge.latency import Latencies
-from headway.edge.ledger import Ledger
-from headway.edge.ports import Channel
-from headway.edge.reporter import ReportConfig, Reporter
-from headway.edge.shell import Shell, ShellConfig
-from headway.edge.vitals import Identity, Vitals
+from headway.edge.codec.decoder import Codec
+from headway.edge.identity import Identity
+from headway.edge.loop import Shell, ShellConfig
+from headway.edge.storage.persistence import Keeper, KeeperConfig
+from headway.edge.telemetry.accounting import Ledger
+from headway.edge.telemetry.health import Vitals
+from headway.edge.telemetry.latency import Latencies
+from headway.edge.telemetry.reporter import ReportConfig, Reporter
+from headway.edge.transport.ports import Channel
+from headway.edge.transport.receive_queue import Inbox
 from headway_schemas import Keys
 
 KEYS = Keys("v2x", "s")

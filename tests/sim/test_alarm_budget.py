@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from headway.core.batch import Batch
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.core.names import names
-from headway.core.records import Kind as Told
-from headway.core.turn import Phase
-from headway_loadtest.fleet_frames import FleetFrames
-from headway_loadtest.frames import Frame, SceneFrames
-from headway_loadtest.inject import Kind, Spec
-from headway_loadtest.sample import write_sample
+from headway.core.types.batch import Batch
+from headway.core.types.config import DetectorConfig
+from headway.core.types.identifiers import names
+from headway.core.types.records import Kind as Told
+from headway.core.types.step_result import Phase
+from headway_loadtest.inject.faults import Kind, Spec
 from headway_loadtest.sources import parse_sources
+from headway_loadtest.sources.sample import write_sample
+from headway_loadtest.traffic.fleet import FleetFrames
+from headway_loadtest.traffic.frames import Frame, SceneFrames
 
 START_US = 1_700_000_000_000_000
 LATENCY_US = 2_000

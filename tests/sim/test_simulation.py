@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 from sim.world import SimWorld
 
-from headway.core.config import DetectorConfig
-from headway.core.outcome import Outcome
-from headway.edge.arrival import Arrival
-from headway.edge.codec import Decoded
-from headway.edge.ports import Channel
+from headway.core.types.config import DetectorConfig
+from headway.core.types.outcome import Outcome
+from headway.edge.codec.decoder import Decoded
+from headway.edge.transport.message import Arrival
+from headway.edge.transport.ports import Channel
 
 
 def world(seed: int, **changes) -> SimWorld:

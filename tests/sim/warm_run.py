@@ -8,7 +8,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from sim.world import SimWorld
 
 import headway
-from headway.edge.ports import Channel
+from headway.edge.transport.ports import Channel
 
 LIAR, SILENT, LIE_FROM = 1, 3, 60
 KINDS = 2

@@ -13,11 +13,11 @@ import numpy as np
 from sim.clock import START_US
 from sim.rig import KEYS, Rig
 
-from headway.core.config import DetectorConfig
 from headway.core.engine import Engine
-from headway.core.outcome import Outcome
-from headway.edge.arrival import Arrival
-from headway.edge.ports import Channel
+from headway.core.types.config import DetectorConfig
+from headway.core.types.outcome import Outcome
+from headway.edge.transport.message import Arrival
+from headway.edge.transport.ports import Channel
 from headway_schemas.bsm import FIELDS
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK
 

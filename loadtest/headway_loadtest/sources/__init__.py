@@ -6,10 +6,10 @@ from itertools import chain
 from pathlib import Path
 
 from headway_loadtest.sources.bsm_p1 import BsmP1
+from headway_loadtest.sources.drive import Scene, SourceError
 from headway_loadtest.sources.pairs import Pairs
 from headway_loadtest.sources.spmd import SpmdTrips
 from headway_loadtest.sources.synthetic import SyntheticDrives
-from headway_loadtest.trajectory import Scene, SourceError
 
 SYNTHETIC = "synthetic:"
 HOST_TABLE, TARGETS_TABLE, MESSAGES_TABLE = "DataWsu", "DataFrontTargets", "BsmP1"

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from headway_loadtest.sources.steady import steady
+from headway_loadtest.sources.drive import Drive, Scene
+from headway_loadtest.sources.resample import steady
 from headway_loadtest.sources.tables import first_line, runs, stream
-from headway_loadtest.trajectory import Drive, Scene
 from headway_schemas.keys import sanitise_id
 
 HEADER = (

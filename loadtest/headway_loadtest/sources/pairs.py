@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from headway_loadtest.road import Road
-from headway_loadtest.trajectory import F64, Drive, Scene, SourceError
+from headway_loadtest.sources.drive import F64, Drive, Scene, SourceError
+from headway_loadtest.sources.road import Road
 from headway_schemas.keys import sanitise_id
 
 COLUMNS = ("t_s", "leader_x_m", "follower_x_m", "leader_v_mps", "follower_v_mps", "leader_length_m")

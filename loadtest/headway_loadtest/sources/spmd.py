@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 
-from headway_loadtest.road import Road
-from headway_loadtest.sources.steady import steady
+from headway_loadtest.sources.drive import F64, I64, Ahead, Drive, Scene
+from headway_loadtest.sources.resample import steady
+from headway_loadtest.sources.road import Road
 from headway_loadtest.sources.tables import batches, runs, stream
-from headway_loadtest.trajectory import F64, I64, Ahead, Drive, Scene
 from headway_schemas.keys import sanitise_id
 
 CENTISECONDS = 100.0

@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from headway_loadtest.road import radii_m
-from headway_loadtest.trajectory import F64, I64, Drive, Scene
+from headway_loadtest.sources.drive import F64, I64, Drive, Scene
+from headway_loadtest.sources.road import radii_m
 
 STEP_MS = 100
 PLATOON = 10

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import polars as pl
 
-from headway_loadtest.trajectory import SourceError
+from headway_loadtest.sources.drive import SourceError
 
 NULLS = ["", "NULL", "null"]
 SPELLINGS = {"Rangerate": "RangeRate"}

@@ -6,23 +6,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core import bank as banks
-from headway.core import neighbours, pairing, settle, silence, tracks
-from headway.core.batch import I64, Batch
-from headway.core.config import DetectorConfig
-from headway.core.events import EventLog
-from headway.core.evidence import EvidenceStore
-from headway.core.judges import judges
-from headway.core.kernels import of_first_types
-from headway.core.link import link_said
-from headway.core.names import names
-from headway.core.order import refuse_by_age, waves
-from headway.core.outcome import Outcome
-from headway.core.records import Records
-from headway.core.snapshot import Snapshot
-from headway.core.turn import AnomalyEvent, PairStates, Turn
-from headway.core.vehicles import VehicleTable
-from headway.core.wave import Columns, Concluded, Entered, Limits, Tables, columns, conclude, enter
+from headway.core.consistency.pair_tests import link_said
+from headway.core.events.event_log import EventLog
+from headway.core.events.evidence import EvidenceStore
+from headway.core.events.miss_log import MissLog
+from headway.core.pipeline import classify
+from headway.core.pipeline.detectors import judges
+from headway.core.pipeline.finalise import Concluded, conclude
+from headway.core.pipeline.ingest import Entered, enter
+from headway.core.pipeline.ordering import refuse_by_age, waves
+from headway.core.pipeline.tables import Columns, Limits, Tables, columns
+from headway.core.runtime import rows as banks
+from headway.core.runtime.bound_kernel import of_first_types
+from headway.core.tracking import pairing, reception, spatial_index, tracks
+from headway.core.tracking.vehicle_table import VehicleTable
+from headway.core.types.batch import I64, Batch
+from headway.core.types.config import DetectorConfig
+from headway.core.types.identifiers import names
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import Records
+from headway.core.types.snapshot import Snapshot
+from headway.core.types.step_result import AnomalyEvent, PairStates, Turn
 
 _SCORED = np.uint8(Outcome.SCORED)
 """As numpy's own number it is compared ten times faster."""
@@ -56,16 +60,16 @@ class Engine:
         self._vehicles = VehicleTable(capacity)
         self._tracks = tracks.new_tracks(capacity)
         self._pairing = pairing.new_pairing(capacity)
-        self._grid = neighbours.new_grid(capacity)
+        self._grid = spatial_index.new_grid(capacity)
         self._bank = np.zeros(capacity, judging.dtype)
         self._verdicts = banks.verdicts(capacity)
         self._judged_t_s = np.zeros(capacity)
         self._evidence = EvidenceStore(self._bank, config.evidence_readings)
         self._events = EventLog(self._vehicles, self._evidence, capacity)
         self._link_events = EventLog(self._vehicles, self._evidence, capacity, suffix="-link")
-        self._misses = silence.MissLog(self._vehicles, capacity)
+        self._misses = MissLog(self._vehicles, capacity)
         self._seen = np.zeros(capacity, np.int64)
-        self._ear = silence.Ear()
+        self._ear = reception.Ear()
         self._first_heard_us = np.zeros(capacity, np.int64)
         self._renamed_us = np.zeros(capacity, np.int64)
         self._deaf_until_us = 0
@@ -191,15 +195,15 @@ class Engine:
         """Show the logs of events what they have to look at."""
         rows, leaders = entered.rows, entered.leaders
         t_us, received_us = batch.t_us[entered.places], batch.received_us[entered.places]
-        if done.settled.marks & settle.FILTER:
-            at = np.flatnonzero(done.marks & settle.FILTER)
+        if done.settled.marks & classify.FILTER:
+            at = np.flatnonzero(done.marks & classify.FILTER)
             row = rows[at]
             tally.events += self._events.judge(row, row, leaders[at], t_us[at], received_us[at], verdicts[at])
-        if done.settled.marks & settle.LINK:
-            at = np.flatnonzero(done.marks & settle.LINK)
+        if done.settled.marks & classify.LINK:
+            at = np.flatnonzero(done.marks & classify.LINK)
             self._judge_links(rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], done.links[at], tally)
-        if done.settled.marks & settle.BACK:
-            at = np.flatnonzero(done.marks & settle.BACK)
+        if done.settled.marks & classify.BACK:
+            at = np.flatnonzero(done.marks & classify.BACK)
             self._heard_again(rows[at], leaders[at], entered.heard_us[at], t_us[at], received_us[at], tally)
 
     def _judge_links(
@@ -230,10 +234,10 @@ class Engine:
         self._count_pairs(leaders)
         excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._deaf_until_us)
         limits = self._config.miss_after_s, self._config.warming_readings
-        late = silence.late(self._tracks, rows, leaders, excused, now_us, *limits)
+        late = reception.late(self._tracks, rows, leaders, excused, now_us, *limits)
         for i in np.flatnonzero(late):
             row = int(rows[i])
-            if silence.renamed(self._tracks, self._first_heard_us, row, rows):
+            if reception.renamed(self._tracks, self._first_heard_us, row, rows):
                 self._renamed_us[row] = heard_us[row]
             else:
                 t_us = int(self._tracks["t_us"][row])
@@ -356,7 +360,7 @@ class Engine:
         for k in range(2):
             other.step(_example(k), now_us=1 + k * 100_000)
         other.states()
-        silence.renamed(other._tracks, other._first_heard_us, 0, np.arange(2))
+        reception.renamed(other._tracks, other._first_heard_us, 0, np.arange(2))
         other._vehicles.forget(0)
 
 

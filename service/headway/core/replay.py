@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from headway.core import bank as banks
-from headway.core.config import DetectorConfig
-from headway.core.judges import judges
-from headway.core.link import LINK_VERDICT, link_said, standing, step_pair
-from headway.core.records import Records
-from headway.core.turn import Evidence
+from headway.core.consistency.pair_tests import LINK_VERDICT, link_said, standing, step_pair
+from headway.core.pipeline.detectors import judges
+from headway.core.runtime import rows as banks
+from headway.core.types.config import DetectorConfig
+from headway.core.types.records import Records
+from headway.core.types.step_result import Evidence
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,12 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
-from headway.dashboard.board import statement_row
-from headway.dashboard.guard import Guard
-from headway.dashboard.hub import Hub
-from headway.dashboard.stream import EventStream
-from headway_schemas.history import AlertsQuery
+from headway.dashboard.access import Guard
+from headway.dashboard.broadcast import Hub
+from headway.dashboard.sse import EventStream
+from headway.dashboard.view_state import statement_row
 from headway_schemas.keys import is_id
+from headway_schemas.query import AlertsQuery
 
 VIEWER_LIMIT: Final = 64
 EVIDENCE_FIRST: Final = 2

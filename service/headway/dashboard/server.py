@@ -10,11 +10,11 @@ from typing import Final
 
 import uvicorn
 
+from headway.client import BusFeed, Feed
+from headway.dashboard.access import is_loopback, read_token
 from headway.dashboard.app import create_app
+from headway.dashboard.broadcast import Hub
 from headway.dashboard.errors import DashboardError
-from headway.dashboard.feed import BusFeed, Feed
-from headway.dashboard.guard import is_loopback, read_token
-from headway.dashboard.hub import Hub
 
 STALL_S: Final = 20.0
 

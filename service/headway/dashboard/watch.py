@@ -15,10 +15,10 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from headway.dashboard.board import PAIR_COLUMNS, Board, Row
-from headway.dashboard.feed import BusFeed, Feed, Link
-from headway.dashboard.hub import wall_us
-from headway_schemas.history import AlertsQuery
+from headway.client import BusFeed, Feed, Link
+from headway.dashboard.broadcast import wall_us
+from headway.dashboard.view_state import PAIR_COLUMNS, Board, Row
+from headway_schemas.query import AlertsQuery
 
 TURN_S: Final = 0.5
 _ALERTS_SHOWN: Final = 12

@@ -1,0 +1,1 @@
+"""Senders whose readings agree with each other and are wrong."""

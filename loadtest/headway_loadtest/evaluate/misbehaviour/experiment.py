@@ -1,0 +1,223 @@
+"""Consistent liars, measured: who is found, how often clean drivers are accused, and whether the right car is named.
+
+Each lie is told on a branch: the state of the link tests is copied at a moment of the clean drive, the lie runs on the
+copy, and the clean drive goes on. So lies do not see each other and the tests have learnt from clean readings, as in a
+service that has not been lied to before.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.special import expit
+
+from headway.core.consistency.pair_tests import LINK, LINK_VERDICT, LinkParams, link_params, step_links
+from headway.core.types.records import READING
+from headway_loadtest.evaluate.misbehaviour.platoons import Platoon, chain, read_pair, synthetic
+from headway_loadtest.inject.consistent import CONSISTENT, SAMPLE_S, displacement, samples, speed_offset
+from headway_loadtest.inject.faults import F64, Kind
+
+READING_NOISE = 0.01
+"""Standard deviation of a reading, m and m/s, as in the published experiment."""
+RANGE_NOISE_M, RANGE_RATE_NOISE_MPS = 0.2, 0.15
+RANGE_OFFSET_M = 1.5
+"""Reference points of location and sensor differ by up to this, unknown to the test."""
+AFTER_S = 1.0
+"""An alarm up to this long after a lie is due to it."""
+EVERY_S = 6.0
+FALSE_WINDOWS = 0.02
+LEAST_LIE_MPS = {Kind.FEIGNED_BRAKE: 2.9, Kind.DRAG: 0.6, Kind.REPLAY: 1.0, Kind.FREEZE: 1.0}
+"""A lie that never moves the speed so far (a frozen speed at steady driving) says nearly the truth: not counted."""
+ONE_ALARM_S = 5.0
+SYNTHETIC_PLATOONS, SYNTHETIC_S = 4, 300.0
+
+
+@dataclass(slots=True)
+class Findings:
+    """What drives of one group have shown for one kind of lie: an entry per clean window, per lie, or per lie found."""
+
+    clean: list[float] = field(default_factory=list)
+    lied: list[float] = field(default_factory=list)
+    alarmed: list[bool] = field(default_factory=list)
+    named: list[bool] = field(default_factory=list)
+    """Whether the statement of the highest odds names the liar."""
+    named_at_onset: list[bool] = field(default_factory=list)
+    """Whether the first statement does."""
+    confidence: list[float] = field(default_factory=list)
+    """Of the statement of the highest odds."""
+    confidence_at_onset: list[float] = field(default_factory=list)
+    delay_s: list[float] = field(default_factory=list)
+
+
+@njit(cache=True)
+def drive(links: Any, readings: Any, leaders: Any, p: LinkParams, verdicts: Any) -> None:
+    """Take readings (n, m) through the link tests, moment by moment, the car ahead first."""
+    rows = np.arange(leaders.size)
+    for k in range(readings.shape[0]):
+        step_links(links, rows, leaders, readings[k], p, verdicts[k])
+
+
+def readings_of(rng: np.random.Generator, truth: Platoon, with_range: bool) -> Any:
+    """Return READING (n, m) of honest senders: noisy locations and speeds, and forward sensors if asked for."""
+    n, cars = truth.x_m.shape
+    made = np.full((n, cars), np.nan, [(name, "f8") for name in READING.names or ()]).astype(READING)
+    made["t_s"] = truth.t_s[:, None]
+    made["x_m"] = truth.x_m + rng.normal(0.0, READING_NOISE, (n, cars))
+    made["v_mps"] = truth.v_mps + rng.normal(0.0, READING_NOISE, (n, cars))
+    made["leader_t_s"][:, 1:] = truth.t_s[:, None]
+    made["leader_length_m"][:, 1:] = truth.length_m[:-1]
+    if with_range:
+        gap_m = truth.x_m[:, :-1] - truth.length_m[:-1] - truth.x_m[:, 1:]
+        offset_m = rng.uniform(-RANGE_OFFSET_M, RANGE_OFFSET_M, cars - 1)
+        made["range_m"][:, 1:] = gap_m + offset_m + rng.normal(0.0, RANGE_NOISE_M, gap_m.shape)
+        rate_mps = truth.v_mps[:, :-1] - truth.v_mps[:, 1:]
+        made["range_rate_mps"][:, 1:] = rate_mps + rng.normal(0.0, RANGE_RATE_NOISE_MPS, gap_m.shape)
+    return hear(made)
+
+
+def hear(readings: Any) -> Any:
+    """Put what each car said of itself before the car behind it, in place."""
+    readings["leader_x_m"][:, 1:] = readings["x_m"][:, :-1]
+    readings["leader_v_mps"][:, 1:] = readings["v_mps"][:, :-1]
+    return readings
+
+
+def score(verdicts: Any) -> F64:
+    """(n,) largest statistic of any test of any pair, in standard deviations; 0 while warming."""
+    tests = [verdicts[name]["statistic"] * ~verdicts[name]["warming"] for name in ("response", "ranging")]
+    height: F64 = np.maximum(*tests).max(axis=1)
+    return height
+
+
+def onsets(alarmed: Any) -> int:
+    """Count the alarms among (n,) flags at 10 Hz: those less than `ONE_ALARM_S` apart are one."""
+    at = np.flatnonzero(alarmed)
+    return int(at.size > 0) + int((np.diff(at) > ONE_ALARM_S / SAMPLE_S).sum())
+
+
+def tell(rng: np.random.Generator, truth: Platoon, honest: Any, start: int, liar: int, kind: Kind) -> Any | None:
+    """Return the readings from `start` on until the lie is over and judged, or None where it would say the truth."""
+    length = samples(kind)
+    offset_mps = np.zeros(length + round(AFTER_S / SAMPLE_S))
+    offset_mps[:length] = speed_offset(rng, kind, truth.v_mps[:, liar], start)
+    if np.abs(offset_mps).max() < LEAST_LIE_MPS[kind]:
+        return None
+    told = honest[start : start + offset_mps.size].copy()
+    told["v_mps"][:, liar] += offset_mps
+    told["x_m"][:, liar] += displacement(offset_mps)
+    return hear(told)
+
+
+def examine(
+    rng: np.random.Generator,
+    truth: Platoon,
+    liars: Sequence[int],
+    with_range: bool,
+    p: LinkParams,
+    findings: dict[Kind, Findings],
+) -> tuple[int, float]:
+    """Drive once clean with lies on branches; add to `findings`, and return false alarms and clean pair-hours."""
+    n, cars = truth.x_m.shape
+    honest = readings_of(rng, truth, with_range)
+    leaders = np.arange(-1, cars - 1)
+    links, verdicts = np.zeros(cars, LINK), np.zeros((n, cars), LINK_VERDICT)
+    every = round(EVERY_S / SAMPLE_S)
+    longest = max(samples(kind) for kind in CONSISTENT) + round(AFTER_S / SAMPLE_S)
+    for start in range(0, n, every):
+        ready = start > 0 and not verdicts["response"]["warming"][start - 1, 1:].any()
+        for kind in findings if ready and start + longest < n else ():
+            for liar in liars:
+                told = tell(rng, truth, honest, start, liar, kind)
+                if told is not None:
+                    judged = np.zeros(told.shape, LINK_VERDICT)
+                    drive(links.copy(), told, leaders, p, judged)
+                    note(findings[kind], judged, liar)
+        drive(links, honest[start : start + every], leaders, p, verdicts[start : start + every])
+    judged_from = int(np.argmax(~verdicts["response"]["warming"][:, 1:].any(axis=1)))
+    clean = verdicts[judged_from:] if judged_from else verdicts[n:]
+    height = score(clean)
+    for kind, found in findings.items():
+        window = samples(kind) + round(AFTER_S / SAMPLE_S)
+        found.clean += [float(height[k : k + window].max()) for k in range(0, len(height) - window, 10)]
+    false_alarms = sum(onsets(clean["kind"][:, car] != Kind.NONE) for car in range(1, cars))
+    return false_alarms, len(clean) * (cars - 1) * SAMPLE_S / 3600.0
+
+
+def note(found: Findings, judged: Any, liar: int) -> None:
+    """Add what was said of one lie, verdicts (n, m)."""
+    found.lied.append(float(score(judged).max()))
+    at, followers = np.nonzero(judged["kind"] != Kind.NONE)
+    found.alarmed.append(at.size > 0)
+    if at.size:
+        log_odds = judged["follower_log_odds"][at, followers]
+        right = np.where(log_odds > 0.0, followers, followers - 1) == liar
+        confidence = expit(np.abs(log_odds))
+        surest = np.abs(log_odds).argmax()
+        found.named.append(bool(right[surest]))
+        found.named_at_onset.append(bool(right[0]))
+        found.confidence.append(float(confidence[surest]))
+        found.confidence_at_onset.append(float(confidence[0]))
+        found.delay_s.append(float(at[0]) * SAMPLE_S)
+
+
+def run_liars(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: float = 1.0) -> list[dict[str, Any]]:
+    """Measure every consistent lie on pairs (the follower lies) and on platoons of four (any car does).
+
+    Returns rows with `set`, `injection`, `with_range`, `cars`, `lies`, `recall_at_2pct_windows`, `recall_at_budget`,
+    `false_alarms_per_hour` (per pair, on the clean drives), `suspect_correct` and `suspect_correct_at_onset` (of the
+    lies found at the budget, by the strongest and by the first word said) beside the mean `confidence` and
+    `confidence_at_onset` that they were said with, `detection_delay_s` (median). Unknown values are None.
+    """
+    pairs = [read_pair(path) for path in paths]
+    rng = np.random.default_rng(seed)
+    made = [synthetic(rng, SYNTHETIC_S) for _ in range(SYNTHETIC_PLATOONS)]
+    groups: dict[str, list[Platoon]] = defaultdict(list)
+    for truth in [*pairs, *chain(pairs), *made]:
+        groups[truth.group].append(truth)
+    p = link_params(budget_per_hour)
+    return [
+        row
+        for group, truths in groups.items()
+        for with_range in (False, True)
+        for row in measure(group, truths, with_range, runs, seed, p)
+    ]
+
+
+def measure(
+    group: str, truths: Sequence[Platoon], with_range: bool, runs: int, seed: int, p: LinkParams
+) -> Iterator[dict[str, Any]]:
+    """Yield a row per kind of lie for drives of one group."""
+    findings = {kind: Findings() for kind in CONSISTENT}
+    false_alarms, hours = 0, 0.0
+    cars = truths[0].x_m.shape[1]
+    liars = range(cars) if cars > 2 else (1,)
+    for run in range(runs):
+        for truth in truths:
+            more, longer = examine(np.random.default_rng([seed, run]), truth, liars, with_range, p, findings)
+            false_alarms, hours = false_alarms + more, hours + longer
+    for kind, found in findings.items():
+        gate = float(np.quantile(found.clean, 1.0 - FALSE_WINDOWS)) if found.clean else np.inf
+        yield {
+            "set": group,
+            "injection": kind.label,
+            "with_range": with_range,
+            "cars": cars,
+            "lies": len(found.lied),
+            "recall_at_2pct_windows": mean([height > gate for height in found.lied]),
+            "recall_at_budget": mean(found.alarmed),
+            "false_alarms_per_hour": false_alarms / hours if hours else None,
+            "suspect_correct": mean(found.named),
+            "suspect_correct_at_onset": mean(found.named_at_onset),
+            "confidence": mean(found.confidence),
+            "confidence_at_onset": mean(found.confidence_at_onset),
+            "detection_delay_s": float(np.median(found.delay_s)) if found.delay_s else None,
+        }
+
+
+def mean(values: Sequence[float]) -> float | None:
+    """Return the mean, which of truth values is the part that is true; None of nothing."""
+    return sum(values) / len(values) if values else None

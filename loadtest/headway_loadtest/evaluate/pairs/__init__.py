@@ -1,0 +1,1 @@
+"""The models on real leader and follower pairs."""

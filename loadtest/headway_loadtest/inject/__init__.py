@@ -1,0 +1,1 @@
+"""Faults put into drives, with their labels."""

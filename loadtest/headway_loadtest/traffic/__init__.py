@@ -1,0 +1,1 @@
+"""Messages made from drives, and sent on time."""

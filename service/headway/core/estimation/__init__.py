@@ -1,0 +1,1 @@
+"""Motion models of one vehicle: what its own sensors say of each other."""

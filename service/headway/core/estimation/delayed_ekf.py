@@ -1,0 +1,353 @@
+"""The paper's filters on a delayed car-following model: predict, innovate, update, and the row kernel.
+
+Source: Wang, Masoud, Khojandi 2020 (arXiv:2004.09496), equations `augmented`, `predict`, `update`, `gate`.
+Model 1 (`ekf`) has s = [x, v]; Model 2 (`aekf`) has s~ = [x, v, delta]:
+
+    g(s, u) = [v + delta, f_v([x, v], u), 0]           F = dg/ds = [[0, 1, 1], [f_x, f_v', 0], [0, 0, 0]]
+    s'(t) = g(s(t - tau), u(t - tau))
+    P'(t) = F P(t - tau) + P(t - tau) F' + Q           F at the delayed state and input
+    H     = [[1, 0, 1], [0, 1, 0]]                     without the third column and row for Model 1
+
+With tau > 0 the right-hand sides are known functions of time (method of steps) and Simpson's rule integrates them;
+with tau = 0 they are an ordinary equation and the classical Runge-Kutta rule does. The delayed covariance equation does
+not keep P positive definite: `guard` mends it and says so.
+"""
+
+from math import ceil, exp, isnan, sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+from headway.core.estimation.car_following import IdmParams, idm
+from headway.core.estimation.delay_buffers import input_at, own_at, push_input, push_own
+from headway.core.statistics.fault_shape import close, kind_of, take
+from headway.core.types.records import Sensor
+
+SUBSTEP_S = 0.1
+SUBSTEPS_MAX = 64
+P_FLOOR = 1e-6
+"""Smallest eigenvalue that the guard leaves in P."""
+P_CEILING = 1e6
+"""Largest entry: a kilometre and a kilometre per second, squared."""
+
+LOCATION, SPEED, BOTH, NONE = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.BOTH), int(Sensor.NONE)
+
+
+class FilterParams(NamedTuple):
+    """Numbers of Model 1 and Model 2; Q is per second, R per reading, as published."""
+
+    idm: IdmParams
+    delay_s: float
+    delay_jitter_s: float
+    gate: float
+    """Threshold sigma on nis."""
+    sensor_gate: float
+    """Threshold on one sensor's own squared, normalised innovation."""
+    q_x: float
+    q_v: float
+    q_delta: float
+    r_x: float
+    r_v: float
+    p0: float
+    delta_limit_m: float
+    """delta beyond this is reset to zero, as published."""
+    max_gap_s: float
+    warming_readings: int
+    rejections_max: int
+    """After so many rejections in a row the filter begins anew from the reading, so that it is never locked out."""
+
+
+ROOM = np.dtype(
+    [
+        ("s", "f8", (3,)),
+        ("P", "f8", (3, 3)),
+        ("ds", "f8", (3,)),
+        ("dP", "f8", (3, 3)),
+        ("sum_s", "f8", (3,)),
+        ("sum_P", "f8", (3, 3)),
+        ("PH", "f8", (3, 2)),
+        ("K", "f8", (3, 2)),
+    ],
+    align=True,
+)
+"""What a step works in, for a state of at most three. Parts of a record are not counted references, as arrays are."""
+
+
+@njit(cache=True)
+def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any) -> None:
+    """Write g and F P + P F' + Q into the first n of `ds` and `dP`, for s, P and the input of time `at`."""
+    n = row.s.size
+    rear_leader, v_leader, a_leader = input_at(row, at)
+    f, f_x, f_v, f_vl = idm(rear_leader - s[0], s[1], v_leader, p.idm)
+    ds[0] = s[1]
+    ds[1] = f
+    if n == 3:
+        ds[0] += s[2]
+        ds[2] = 0.0
+    # F P, row by row; dP = F P + (F P)' + Q.
+    for b in range(n):
+        dP[0, b] = P[1, b]
+        dP[1, b] = f_x * P[0, b] + f_v * P[1, b]
+        if n == 3:
+            dP[0, b] += P[2, b]
+            dP[2, b] = 0.0
+    for a in range(n):
+        for b in range(a, n):
+            both = dP[a, b] + dP[b, a]
+            dP[a, b] = both
+            dP[b, a] = both
+    dP[0, 0] += p.q_x
+    dP[1, 1] += p.q_v
+    if n == 3:
+        dP[2, 2] += p.q_delta
+    if p.delay_jitter_s > 0.0 and not isnan(rear_leader):
+        # stochastic-delay: u is uncertain along its own change, [v_leader, a_leader] kappa; only f_v sees u.
+        dP[1, 1] += (p.delay_jitter_s * (-f_x * v_leader + f_vl * a_leader)) ** 2
+
+
+@njit(cache=True)
+def guard(P: Any) -> bool:
+    """Make P symmetric and positive definite in place; return whether more than symmetry had to be mended.
+
+    A covariance that has outgrown `P_CEILING` (a long gap behind a very close leader) knows nothing: it begins anew.
+    """
+    n = P.shape[0]
+    for a in range(n):
+        for b in range(n):
+            if not abs(P[a, b]) < P_CEILING:  # nor is infinity, nor what is no number
+                P[:, :] = P_CEILING * np.eye(n)
+                return True
+    for a in range(n):
+        for b in range(a):
+            mean = 0.5 * (P[a, b] + P[b, a])
+            P[a, b] = mean
+            P[b, a] = mean
+    # Leading minors of P - floor I (Sylvester): cheap, and nearly always enough.
+    m00, m11 = P[0, 0] - P_FLOOR, P[1, 1] - P_FLOOR
+    minor = m00 * m11 - P[0, 1] ** 2
+    sound = m00 > 0.0 and minor > 0.0
+    if sound and n == 3:
+        m22 = P[2, 2] - P_FLOOR
+        det = (
+            m22 * minor - P[1, 2] * (m00 * P[1, 2] - P[0, 1] * P[0, 2]) + P[0, 2] * (P[0, 1] * P[1, 2] - m11 * P[0, 2])
+        )
+        sound = det > 0.0
+    if sound:
+        return False
+    values, vectors = np.linalg.eigh(P)
+    lifted = np.maximum(values, 2.0 * P_FLOOR)
+    P[:, :] = (vectors * lifted) @ vectors.T
+    return True
+
+
+@njit(cache=True)
+def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None:
+    """Add weighted rates to their sums."""
+    for a in range(n):
+        sum_s[a] += weight * ds[a]
+        for b in range(n):
+            sum_P[a, b] += weight * dP[a, b]
+
+
+@njit(cache=True)
+def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
+    """Carry s and P of the row from row.t_s to `t_s`; return whether the covariance guard had to act."""
+    n = row.s.size
+    tau = p.delay_s
+    longest = SUBSTEP_S if tau == 0.0 else min(SUBSTEP_S, tau)
+    steps = min(SUBSTEPS_MAX, max(1, ceil((t_s - row.t_s) / longest - 1e-6)))
+    h = (t_s - row.t_s) / steps
+    start = row.t_s
+    s, P, ds, dP, sum_s, sum_P = room.s, room.P, room.ds, room.dP, room.sum_s, room.sum_P
+    ds[:] = 0.0
+    dP[:, :] = 0.0
+    for step in range(steps):
+        t = start + step * h
+        sum_s[:] = 0.0
+        sum_P[:, :] = 0.0
+        if tau == 0.0:
+            for stage in range(4):
+                c = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
+                for a in range(n):
+                    s[a] = row.s[a] + c * h * ds[a]
+                    for b in range(n):
+                        P[a, b] = row.P[a, b] + c * h * dP[a, b]
+                rates(row, t + c * h, s, P, p, ds, dP)
+                weight = 1.0 if stage in (0, 3) else 2.0
+                add(n, sum_s, sum_P, weight, ds, dP)
+        else:
+            for stage in range(3):
+                at = t + 0.5 * stage * h - tau
+                own_at(row, at, s, P)
+                rates(row, at, s, P, p, ds, dP)
+                weight = 4.0 if stage == 1 else 1.0
+                add(n, sum_s, sum_P, weight, ds, dP)
+        for a in range(n):
+            row.s[a] += h / 6.0 * sum_s[a]
+            for b in range(n):
+                row.P[a, b] += h / 6.0 * sum_P[a, b]
+        if tau > 0.0 and step < steps - 1:
+            push_own(row, t + h)
+    row.t_s = t_s
+    return guard(row.P)
+
+
+@njit(cache=True)
+def observed(row: Any) -> tuple[float, float]:
+    """H s: what the sensors should read."""
+    x = row.s[0] + row.s[2] if row.s.size == 3 else row.s[0]
+    return x, row.s[1]
+
+
+@njit(cache=True)
+def observed_covariance(row: Any) -> tuple[float, float, float]:
+    """H P H' as (location, covariance, speed)."""
+    P = row.P
+    if row.s.size == 3:
+        return P[0, 0] + 2.0 * P[0, 2] + P[2, 2], P[0, 1] + P[2, 1], P[1, 1]
+    return P[0, 0], P[0, 1], P[1, 1]
+
+
+@njit(cache=True)
+def schur(s_xx: float, s_xv: float, s_vv: float, r_v: float) -> float:
+    """Return the variance of the speed innovation given that of the location: at least r_v, whatever rounding says."""
+    return max(s_vv - s_xv**2 / s_xx, r_v)
+
+
+@njit(cache=True)
+def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> tuple[float, float, float, float, float, float]:
+    """Return (nu_x, nu_v, S_xx, S_xv, S_vv, nis) of a reading against the prediction in the row."""
+    x, v = observed(row)
+    c_xx, c_xv, c_vv = observed_covariance(row)
+    s_xx, s_xv, s_vv = c_xx + p.r_x, c_xv, c_vv + p.r_v
+    nu_x, nu_v = z_x - x, z_v - v
+    unshared = (nu_v - s_xv / s_xx * nu_x) ** 2 / schur(s_xx, s_xv, s_vv, p.r_v)
+    nis = nu_x**2 / s_xx + unshared
+    return nu_x, nu_v, s_xx, s_xv, s_vv, nis
+
+
+@njit(cache=True)
+def update(
+    row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams, room: Any
+) -> bool:
+    """K = P H' S^-1; s += K nu; P -= K S K'. Return whether the covariance guard had to act."""
+    n = row.s.size
+    det = s_xx * schur(s_xx, s_xv, s_vv, p.r_v)
+    i_xx, i_xv, i_vv = s_vv / det, -s_xv / det, s_xx / det
+    PH, K = room.PH, room.K
+    for a in range(n):
+        PH[a, 0] = row.P[a, 0] + row.P[a, 2] if n == 3 else row.P[a, 0]
+        PH[a, 1] = row.P[a, 1]
+        K[a, 0] = PH[a, 0] * i_xx + PH[a, 1] * i_xv
+        K[a, 1] = PH[a, 0] * i_xv + PH[a, 1] * i_vv
+    for a in range(n):
+        row.s[a] += K[a, 0] * nu_x + K[a, 1] * nu_v
+        for b in range(n):
+            row.P[a, b] -= K[a, 0] * PH[b, 0] + K[a, 1] * PH[b, 1]
+    return guard(row.P)
+
+
+@njit(cache=True)
+def begin(row: Any, z: Any, p: FilterParams) -> None:
+    """Start the filter at a reading: s = z, delta = 0, P = P0, with an empty past."""
+    row.t_s = z.t_s
+    row.s[:] = 0.0
+    row.s[0] = z.x_m
+    row.s[1] = z.v_mps
+    row.P[:, :] = 0.0
+    for a in range(row.s.size):
+        row.P[a, a] = p.p0
+    row.own_count = 0
+    row.rejections = 0
+    close(row.episode)
+    push_own(row, z.t_s)
+
+
+@njit(cache=True)
+def hear_leader(row: Any, z: Any) -> None:
+    """Take the leader's newest sample into the input ring; nobody ahead is remembered as well."""
+    if isnan(z.leader_t_s):
+        push_input(row, z.t_s, z.leader_t_s, z.leader_t_s)
+    else:
+        push_input(row, z.leader_t_s, z.leader_x_m - z.leader_length_m, z.leader_v_mps)
+
+
+@njit(cache=True)
+def isolate(nu_x: float, nu_v: float, s_xx: float, s_vv: float, sensor_gate: float) -> int:
+    """Name the sensor whose own innovation exceeds its gate; both, when both or only their combination do."""
+    x_bad = nu_x * nu_x > sensor_gate * s_xx
+    v_bad = nu_v * nu_v > sensor_gate * s_vv
+    if x_bad == v_bad:
+        return BOTH
+    return LOCATION if x_bad else SPEED
+
+
+@njit(cache=True)
+def step(row: Any, z: Any, p: FilterParams, verdict: Any, room: Any) -> None:
+    """Judge one reading (READING) against one bank row, in place, and write the VERDICT.
+
+    Recovery is the prediction: a rejected reading is not learnt from.
+    """
+    hear_leader(row, z)
+    if row.count == 0 or z.t_s - row.t_s > p.max_gap_s:
+        verdict.restarted = row.count > 0
+        row.count = 0
+        begin(row, z, p)
+        nu_x, nu_v, nis = 0.0, 0.0, 0.0
+        s_xx, s_xv, s_vv = p.p0 + p.r_x, 0.0, p.p0 + p.r_v
+    else:
+        verdict.repaired = predict(row, z.t_s, p, room)
+        nu_x, nu_v, s_xx, s_xv, s_vv, nis = innovate(row, z.x_m, z.v_mps, p)
+        # Written so that a nis that is no number is anomalous: it is rejected, and the restart heals the row.
+        verdict.anomalous = row.count >= p.warming_readings and not nis <= p.gate
+        if not verdict.anomalous:
+            row.rejections = 0
+            close(row.episode)
+            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room)
+            if row.s.size == 3 and abs(row.s[2]) > p.delta_limit_m:
+                row.s[2] = 0.0
+            push_own(row, z.t_s)
+        else:
+            row.rejections += 1
+            verdict.sensor = isolate(nu_x, nu_v, s_xx, s_vv, p.sensor_gate)
+            by_speed = nu_v**2 * s_xx > nu_x**2 * s_vv
+            take(row.episode, nu_v if by_speed else nu_x)
+            verdict.kind, verdict.confidence = kind_of(row.episode, p.r_v if by_speed else p.r_x)
+            if row.rejections < p.rejections_max:
+                push_own(row, z.t_s)
+            else:
+                verdict.restarted = True
+                begin(row, z, p)
+    row.count += 1
+    verdict.warming = row.count <= p.warming_readings
+    verdict.nis = nis
+    verdict.statistic = nis
+    verdict.gate = p.gate
+    verdict.p_value = exp(-0.5 * nis)
+    verdict.nu[0] = nu_x
+    verdict.nu[1] = nu_v
+    verdict.S[0, 0] = s_xx
+    verdict.S[0, 1] = s_xv
+    verdict.S[1, 0] = s_xv
+    verdict.S[1, 1] = s_vv
+    verdict.x_m, verdict.v_mps = observed(row)
+    c_xx, _, c_vv = observed_covariance(row)
+    verdict.x_std_m = sqrt(c_xx)
+    verdict.v_std_mps = sqrt(c_vv)
+
+
+@njit(cache=True)
+def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
+    """Judge one reading against one row."""
+    room = np.zeros(1, ROOM)
+    for place in range(room.size):  # a record does not keep its array alive, a loop over it does
+        step(row, z, p, verdict, room[place])
+
+
+@njit(cache=True)
+def step_batch(bank: Any, rows: Any, readings: Any, p: FilterParams, verdicts: Any) -> None:
+    """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
+    room = np.zeros(1, ROOM)
+    for i in range(rows.size):
+        step(bank[rows[i]], readings[i], p, verdicts[i], room[0])

@@ -1,0 +1,1 @@
+"""The default model: an interacting-multiple-model filter over sensor faults."""

@@ -1,0 +1,1 @@
+"""Events and their evidence: onset, update, cleared."""

@@ -1,0 +1,150 @@
+"""From verdicts to events: onset, update, cleared; one at a time for each vehicle, its id the same throughout."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.events.evidence import EvidenceStore
+from headway.core.tracking.vehicle_table import VehicleTable
+from headway.core.types.batch import I64
+from headway.core.types.records import Kind, Records, Sensor
+from headway.core.types.snapshot import OpenEvent
+from headway.core.types.step_result import AnomalyEvent, Phase
+
+CLEAR_AFTER_READINGS = 10
+"""So many readings without an alarm end an event: a second at 10 Hz, so that one cause is one event."""
+
+UPDATE_EVERY_US = 1_000_000
+
+CHANGE_AFTER_US = 250_000
+"""A new kind or sensor is told no sooner than this after the last statement: of some lies the kind flaps."""
+
+
+@dataclass(slots=True)
+class _Open:
+    """An event under way."""
+
+    event_id: str
+    kind: Kind
+    sensor: Sensor
+    """Of the newest alarm, told or not."""
+    stated_us: int
+    changed: bool = False
+    quiet: int = 0
+
+
+class _Of(NamedTuple):
+    """Whom a verdict concerns, as rows (leader -1: none), and when."""
+
+    row: int
+    suspect: int
+    leader: int
+    t_us: int
+    received_us: int
+
+
+class EventLog:
+    """Events under way, by row. `suffix` tells the ids of one log from those of another."""
+
+    def __init__(self, vehicles: VehicleTable, evidence: EvidenceStore, capacity: int, suffix: str = "") -> None:
+        self._suffix = suffix
+        self._vehicles = vehicles
+        self._evidence = evidence
+        self._open: dict[int, _Open] = {}
+        self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+
+    def __len__(self) -> int:
+        """Return how many events are under way."""
+        return len(self._open)
+
+    def judge(
+        self, rows: I64, suspects: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records
+    ) -> list[AnomalyEvent]:
+        """Take one verdict for each of the distinct `rows` and return what is to be said.
+
+        `suspects` are the rows to blame, each the row itself or its leader; `leaders` is -1 for none.
+        """
+        concerned = np.flatnonzero(verdicts["anomalous"] | self.active[rows])
+        whom = zip(
+            *(column[concerned].tolist() for column in (rows, suspects, leaders, t_us, received_us)), strict=True
+        )
+        what = zip(*(verdicts[name][concerned].tolist() for name in ("anomalous", "kind", "sensor")), strict=True)
+        said = []
+        for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Of._make, whom), what, strict=True):
+            phase = self._advance(of, kind, sensor, anomalous=anomalous)
+            if phase is not None:
+                said.append(self._state(phase, of, verdicts[i]))
+            if phase is Phase.CLEARED:
+                self.drop(of.row)
+        return said
+
+    def drop(self, row: int) -> None:
+        """Forget the event of a row, if any, without a word."""
+        self._open.pop(row, None)
+        self.active[row] = False
+
+    def under_way(self, rows: I64) -> list[OpenEvent]:
+        """Return the events of `rows` (n,)."""
+        of = [(int(row), self._open[int(row)]) for row in rows[self.active[rows]]]
+        return [
+            OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.stated_us, e.changed, e.quiet) for row, e in of
+        ]
+
+    def resume(self, events: list[OpenEvent]) -> None:
+        """Go on with these events; nothing is said of it."""
+        for event in events:
+            self._open[event.row] = _Open(
+                event.event_id, Kind(event.kind), Sensor(event.sensor), event.stated_us, event.changed, event.quiet
+            )
+            self.active[event.row] = True
+
+    def _advance(self, of: _Of, kind: int, sensor: int, *, anomalous: bool) -> Phase | None:
+        row, t_us = of.row, of.t_us
+        event = self._open.get(row)
+        if event is None:
+            vehicle = self._vehicles.id_of[row]
+            self._open[row] = _Open(f"{vehicle}-{t_us}{self._suffix}", Kind(kind), Sensor(sensor), t_us)
+            self.active[row] = True
+            return Phase.ONSET
+        if not anomalous:
+            event.quiet += 1
+            return Phase.CLEARED if event.quiet >= CLEAR_AFTER_READINGS else None
+        event.quiet = 0
+        if (kind, sensor) != (event.kind, event.sensor):
+            event.kind, event.sensor, event.changed = Kind(kind), Sensor(sensor), True
+        if t_us - event.stated_us < (CHANGE_AFTER_US if event.changed else UPDATE_EVERY_US):
+            return None
+        event.stated_us, event.changed = t_us, False
+        return Phase.UPDATE
+
+    def _state(self, phase: Phase, of: _Of, verdict: np.void) -> AnomalyEvent:
+        event = self._open[of.row]
+        follower, suspect = self._vehicles.id_of[of.row], self._vehicles.id_of[of.suspect]
+        assert follower is not None
+        assert suspect is not None
+        return AnomalyEvent(
+            event_id=event.event_id,
+            phase=phase,
+            kind=event.kind,
+            sensor=event.sensor,
+            confidence=float(verdict["confidence"]),
+            suspect=suspect,
+            leader=self._vehicles.id_of[of.leader] if of.leader >= 0 else None,
+            follower=follower,
+            t_us=of.t_us,
+            received_us=of.received_us,
+            nis=float(verdict["nis"]),
+            gate=float(verdict["gate"]),
+            statistic=float(verdict["statistic"]),
+            p_value=float(verdict["p_value"]),
+            nu=(float(verdict["nu"][0]), float(verdict["nu"][1])),
+            recovered=(
+                float(verdict["x_m"]),
+                float(verdict["v_mps"]),
+                float(verdict["x_std_m"]),
+                float(verdict["v_std_mps"]),
+            ),
+            evidence=self._evidence.of(of.row),
+        )

@@ -1,0 +1,70 @@
+"""Misses under way: from the onset to the end of a silence."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.tracking.vehicle_table import VehicleTable
+from headway.core.types.batch import I64
+from headway.core.types.records import Kind, Sensor
+from headway.core.types.snapshot import OpenMiss
+from headway.core.types.step_result import AnomalyEvent, Phase
+
+
+class MissLog:
+    """Misses under way, by row."""
+
+    def __init__(self, vehicles: VehicleTable, capacity: int) -> None:
+        self._vehicles = vehicles
+        self._ids: dict[int, str] = {}
+        self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+
+    def __len__(self) -> int:
+        """Return how many misses are under way."""
+        return len(self._ids)
+
+    def begin(self, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+        """State that a row is silent since its message of event time `t_us`, received at `heard_us`."""
+        self._ids[row] = f"{self._vehicles.id_of[row]}-{t_us}-{Kind.MISS.label}"
+        self.active[row] = True
+        return self._state(Phase.ONSET, row, leader, t_us, heard_us)
+
+    def end(self, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+        """State that a silent row was heard again, or is forgotten."""
+        event = self._state(Phase.CLEARED, row, leader, t_us, heard_us)
+        del self._ids[row]
+        self.active[row] = False
+        return event
+
+    def under_way(self, rows: I64) -> list[OpenMiss]:
+        """Return the misses of `rows` (n,)."""
+        return [OpenMiss(int(row), self._ids[int(row)]) for row in rows[self.active[rows]]]
+
+    def resume(self, misses: list[OpenMiss]) -> None:
+        """Go on with these misses; nothing is said of it."""
+        for miss in misses:
+            self._ids[miss.row] = miss.event_id
+            self.active[miss.row] = True
+
+    def _state(self, phase: Phase, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+        suspect = self._vehicles.id_of[row]
+        assert suspect is not None
+        nothing = float("nan")
+        return AnomalyEvent(
+            event_id=self._ids[row],
+            phase=phase,
+            kind=Kind.MISS,
+            sensor=Sensor.BOTH,
+            confidence=1.0,
+            suspect=suspect,
+            leader=self._vehicles.id_of[leader] if leader >= 0 else None,
+            follower=suspect,
+            t_us=t_us,
+            received_us=heard_us,
+            nis=nothing,
+            gate=nothing,
+            statistic=nothing,
+            p_value=nothing,
+            nu=(nothing, nothing),
+            recovered=(nothing, nothing, nothing, nothing),
+            evidence=None,
+        )

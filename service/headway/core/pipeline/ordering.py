@@ -1,0 +1,49 @@
+"""In which order the records of a batch are taken: by event time, each vehicle once in a wave."""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from headway.core.types.batch import I64
+from headway.core.types.outcome import Outcome
+
+_SCORED = np.uint8(Outcome.SCORED)
+_TOO_OLD = np.uint8(Outcome.TOO_OLD)
+_FROM_THE_FUTURE = np.uint8(Outcome.FROM_THE_FUTURE)
+
+
+@njit(cache=True)
+def refuse_by_age(
+    t_us: I64, received_us: I64, max_age_us: float, max_ahead_us: float, out_outcomes: NDArray[np.uint8]
+) -> None:
+    """Write the outcome of each record (B,) as far as its two times decide it."""
+    for i in range(t_us.size):
+        age_us = received_us[i] - t_us[i]
+        out_outcomes[i] = _SCORED
+        if age_us > max_age_us:
+            out_outcomes[i] = _TOO_OLD
+        elif age_us < -max_ahead_us:
+            out_outcomes[i] = _FROM_THE_FUTURE
+
+
+@njit(cache=True)
+def waves(rows: I64, t_us: I64, outcomes: NDArray[np.uint8], seen: I64) -> tuple[I64, I64, int]:
+    """Return (order, nth, count) of the n records that are still to be judged.
+
+    `order` (n,) are their places by event time and row; `nth` (n,) says how many records of the same vehicle come
+    before, so that those of equal `nth` are a wave of distinct vehicles; `count` is the number of waves. `seen` (C,),
+    all zeros before and after, is room to work in.
+    """
+    taken = np.flatnonzero(outcomes == _SCORED)
+    by_row = taken[np.argsort(rows[taken], kind="mergesort")]
+    order = by_row[np.argsort(t_us[by_row], kind="mergesort")]
+    nth = np.empty(order.size, np.int64)
+    count = 0
+    for i in range(order.size):
+        row = rows[order[i]]
+        nth[i] = seen[row]
+        seen[row] += 1
+        count = max(count, seen[row])
+    for i in range(order.size):
+        seen[rows[order[i]]] = 0
+    return order, nth, count

@@ -1,0 +1,1 @@
+"""Rows of memory and compiled calls."""

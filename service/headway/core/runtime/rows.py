@@ -1,0 +1,32 @@
+"""One numpy record per vehicle, and one compiled call per batch of readings.
+
+The bank itself is a structured array whose dtype the model names; a pair's state and its delay buffers are contiguous,
+and a record of zeros is a vehicle not heard yet.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from headway.core.types.records import READING, VERDICT, Records
+
+BatchKernel = Callable[[Records, "np.ndarray[Any, np.dtype[np.int64]]", Records, Any, Records], None]
+
+
+def readings(count: int) -> Records:
+    """Return `count` empty readings: no leader, no range."""
+    made = np.zeros(count, READING)
+    for name in READING.names or ():
+        made[name] = np.nan
+    return made
+
+
+def wipe(bank: Records, rows: "np.ndarray[Any, np.dtype[np.int64]]") -> None:
+    """Set the `rows` to zeros, as bytes: numpy would go through a record field by field."""
+    bank.view(np.uint8).reshape(bank.size, -1)[rows] = 0
+
+
+def verdicts(count: int) -> Records:
+    """Return room for `count` verdicts."""
+    return np.zeros(count, VERDICT)

@@ -1,0 +1,1 @@
+"""Gates, test results and estimators that several rooms share."""

@@ -1,0 +1,34 @@
+"""What one test between two cars says of one reading; the same record and the same kind of gate for every such test."""
+
+import numpy as np
+
+from headway.core.statistics.alarm_gate import Budget
+
+CHECK = np.dtype(
+    [
+        ("statistic", "f8"),  # in standard deviations
+        ("gate", "f8"),
+        ("p_value", "f8"),  # how often clean readings go so high, per look
+        ("anomalous", "?"),
+        ("warming", "?"),
+    ],
+    align=True,
+)
+
+
+def check_budget(alarms_per_hour: float) -> Budget:
+    """Return the budget of a test whose statistic is in standard deviations.
+
+    The prior is that of the speed changes that drivers leave unexplained: cruise control shows 30 to 60 excursions an
+    hour, humans 220 to 400, of 0.5 to 0.8 on average (a Gaussian's 0.37).
+    """
+    return Budget(
+        alarms_per_hour=alarms_per_hour,
+        level=2.0,
+        span=2.5,
+        prior_mean=0.5,
+        prior_rate_per_hour=200.0,
+        prior_peaks=30.0,
+        hush_s=10.0,
+        memory_s=3600.0,
+    )

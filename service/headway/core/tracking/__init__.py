@@ -1,0 +1,1 @@
+"""Identity, odometer, path history and leader of each vehicle."""

@@ -1,0 +1,131 @@
+"""How far one vehicle is behind another along the road the latter came.
+
+The trail of the vehicle ahead is the road: it passes beside whoever follows, in the same direction. Where it is too
+young to reach back so far it is continued straight from its oldest end.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from headway.core.tracking.geodesy import displacement_m
+from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, EAST, NORTH, X
+
+_TRAIL_COS_MIN = 0.77  # 40 degrees: a base lags its car by up to one spacing of a tight turn
+_STRAIGHT_COS_MIN = 0.97  # 14 degrees, where the trail is continued straight
+_BASELINE = 2  # crumbs to either side that give a trail its direction
+
+
+@njit(cache=True)
+def between_bases(from_track: Any, to_track: Any) -> tuple[float, float]:
+    """Return (east_m, north_m) from the one's base to the other's."""
+    return displacement_m(
+        from_track.base_lat_deg, from_track.base_lon_deg, to_track.base_lat_deg, to_track.base_lon_deg
+    )
+
+
+@njit(cache=True)
+def ahead_on_trail(ahead: Any, behind: Any, reach_m: float, range_m: float) -> tuple[float, float]:
+    """Return (metres from `behind` to `ahead` along the trail of the latter, how far left of the trail `behind` is).
+
+    The metres are 0 where the trail does not pass within `reach_m` of the base of `behind`, in its direction, at most
+    `range_m` ago. Of several passes the newest counts. The trail is walked backwards in leaps: a place r away from the
+    newest crumb cannot lie beside the trail less than r - reach_m before it.
+    """
+    heading_east, heading_north = behind.base_heading_east, behind.base_heading_north
+    if ahead.crumb_count == 0 or (heading_east == 0.0 and heading_north == 0.0):
+        return 0.0, 0.0
+    east_m, north_m = between_bases(ahead, behind)
+    east_m += ahead.base_east_m
+    north_m += ahead.base_north_m
+    crumbs = ahead.crumbs
+    newest = ahead.newest_crumb
+    oldest_back = ahead.crumb_count - 1
+    spacing_m = CRUMB_SPACING_M
+    if oldest_back > 0:
+        oldest = (newest - oldest_back) & (CRUMBS - 1)
+        spacing_m = max((crumbs[newest, X] - crumbs[oldest, X]) / oldest_back, CRUMB_SPACING_M)
+
+    best_squared = reach_m * reach_m
+    place_m = np.inf
+    lateral_m = 0.0
+    back = 0
+    while back < oldest_back:
+        newer = (newest - back) & (CRUMBS - 1)
+        if ahead.base_x_m - crumbs[newer, X] > range_m:
+            return 0.0, 0.0
+        to_east = east_m - crumbs[newer, EAST]
+        to_north = north_m - crumbs[newer, NORTH]
+        leap_m = 0.9 * (math.sqrt(to_east * to_east + to_north * to_north) - reach_m)
+        leap = min(int(leap_m / spacing_m), oldest_back - back)
+        while leap > 0 and crumbs[newer, X] - crumbs[(newer - leap) & (CRUMBS - 1), X] > leap_m:
+            leap -= 1
+        if leap > 0:
+            if place_m != np.inf:
+                break
+            best_squared = reach_m * reach_m
+            back += leap
+            continue
+        older = (newer - 1) & (CRUMBS - 1)
+        along_east = crumbs[newer, EAST] - crumbs[older, EAST]
+        along_north = crumbs[newer, NORTH] - crumbs[older, NORTH]
+        length_squared = max(along_east * along_east + along_north * along_north, 1e-6)
+        beyond = 1.0 + (to_east * along_east + to_north * along_north) / length_squared
+        part = min(max(beyond, 0.0), 1.0)
+        beside_east = to_east + (1.0 - part) * along_east
+        beside_north = to_north + (1.0 - part) * along_north
+        apart_squared = beside_east * beside_east + beside_north * beside_north
+        back += 1
+        if apart_squared >= best_squared:
+            if place_m != np.inf:
+                break
+            continue
+        trail_east, trail_north = _trail_direction(crumbs, newest, back - 1, oldest_back)
+        if trail_east * heading_east + trail_north * heading_north < _TRAIL_COS_MIN:
+            continue
+        best_squared = apart_squared
+        if (beyond > 1.0 and back == 1) or (beyond < 0.0 and back == oldest_back):
+            place_m = np.inf
+            continue
+        place_m = crumbs[older, X] + part * (crumbs[newer, X] - crumbs[older, X])
+        lateral_m = math.copysign(math.sqrt(apart_squared), along_east * beside_north - along_north * beside_east)
+    if place_m == np.inf:
+        place_m, lateral_m = _continue_straight(ahead, east_m, north_m, heading_east, heading_north, reach_m)
+    ahead_m = ahead.base_x_m - place_m
+    return (ahead_m, lateral_m) if 0.0 < ahead_m <= range_m else (0.0, 0.0)
+
+
+@njit(cache=True)
+def _continue_straight(
+    ahead: Any, east_m: float, north_m: float, heading_east: float, heading_north: float, reach_m: float
+) -> tuple[float, float]:
+    """Return (odometer, lateral) of a place behind the oldest crumb, on its straight continuation; inf if not there."""
+    crumbs = ahead.crumbs
+    oldest_back = ahead.crumb_count - 1
+    oldest = (ahead.newest_crumb - oldest_back) & (CRUMBS - 1)
+    trail_east, trail_north = ahead.base_heading_east, ahead.base_heading_north
+    if oldest_back > 2 * _BASELINE:
+        trail_east, trail_north = _trail_direction(crumbs, ahead.newest_crumb, oldest_back - _BASELINE, oldest_back)
+    if trail_east * heading_east + trail_north * heading_north < _STRAIGHT_COS_MIN:
+        return np.inf, 0.0
+    to_east = east_m - crumbs[oldest, EAST]
+    to_north = north_m - crumbs[oldest, NORTH]
+    along_m = to_east * trail_east + to_north * trail_north
+    lateral_m = trail_east * to_north - trail_north * to_east
+    if along_m > 0.0 or abs(lateral_m) > reach_m:
+        return np.inf, 0.0
+    return crumbs[oldest, X] + along_m, lateral_m
+
+
+@njit(cache=True)
+def _trail_direction(crumbs: NDArray[np.float32], newest: int, back: int, oldest_back: int) -> tuple[float, float]:
+    """Return the unit direction of the trail around the segment that begins `back` crumbs before the newest."""
+    newer = (newest - max(back - _BASELINE + 1, 0)) & (CRUMBS - 1)
+    older = (newest - min(back + _BASELINE, oldest_back)) & (CRUMBS - 1)
+    east = crumbs[newer, EAST] - crumbs[older, EAST]
+    north = crumbs[newer, NORTH] - crumbs[older, NORTH]
+    length = math.hypot(east, north)
+    return (east / length, north / length) if length > 0.0 else (0.0, 0.0)

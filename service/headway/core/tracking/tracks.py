@@ -1,0 +1,295 @@
+"""One row per vehicle: its newest reading, its odometer, and the trail of places where it surely was.
+
+**Odometer.** `x_m` turns latitude and longitude into the one dimension of the filter. It is measured from the *base*,
+the newest place that was trusted, and never from the last reading: with d the displacement from the base, h0 and h the
+unit headings there and now, and phi the angle between them,
+
+    x = x_base + (d . m) (phi / 2) / sin(phi / 2),        m = (h0 + h) / |h0 + h|
+
+which is the arc length of the circle through both places (the factor is taken as 1 + (1 - h0 . h) / 12, its value to
+second order in phi). A bad position makes one bad `x_m` and leaves nothing behind in the next.
+
+**Trail.** `advance` only reads the base; once the reading has been judged, `leave_crumb` moves it. A trusted reading
+becomes the base when it lies `CRUMB_SPACING_M` further on; instead of a reading that is not trusted, the base is
+carried on by the recovered speed. Every place of the base is kept in a ring of crumbs.
+
+East and north are metres in a plane that rolls along with the vehicle, from an arbitrary origin per row: only
+differences within one row mean anything.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from headway.core.runtime.rows import wipe
+from headway.core.tracking.geodesy import displaced_deg, displacement_m
+from headway.core.types.batch import F64, I64
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import Records
+
+CRUMBS = 64
+"""Places kept of each trail: 192 m at the closest spacing. A power of two."""
+
+CRUMB_SPACING_M = 3.0
+"""Short enough for a lane's curves (an arc of 60 m radius leaves its chord by 2 cm), long against position noise."""
+
+MOVING_MPS = 0.5
+"""Below this a receiver's heading is noise: a car that stands, by its speed and its place, keeps the one it had."""
+
+DEFAULT_LENGTH_M = 4.7
+"""A passenger car, for a sender that does not say."""
+
+MSG_CNT_MODULUS = 128
+
+EAST, NORTH, X = 0, 1, 2
+"""Columns of a crumb."""
+
+_INTERVAL_GAIN = 1.0 / 16.0
+_INTERVAL_MIN_S = 0.01
+_FIRST_INTERVAL_S = 0.1  # 10 Hz until the sender has shown its own (SAE J2945/1)
+_TURN_COS_MIN = 0.5  # no car turns by more than 60 degrees within one spacing
+_CHORD_MIN_M = 0.5 * CRUMB_SPACING_M  # shorter ones have no direction in the noise
+_BREAK_M = 50.0
+_ACCEPTED = int(Outcome.SCORED)
+_DUPLICATE = int(Outcome.DUPLICATE)
+_OUT_OF_ORDER = int(Outcome.OUT_OF_ORDER)
+
+TRACK = np.dtype(
+    [
+        ("t_us", "i8"),  # event time of the newest reading; 0: the row is free
+        ("received_us", "i8"),
+        ("serial", "i8"),  # changes whenever x_m begins anew, be it another vehicle or the same one after a silence
+        ("msg_cnt", "i8"),
+        ("count", "i8"),  # readings since x_m began
+        ("step_s", "f8"),  # event time between the last two readings
+        ("interval_s", "f8"),  # the sender's own mean interval
+        ("lat_deg", "f8"),
+        ("lon_deg", "f8"),
+        ("x_m", "f8"),
+        ("v_mps", "f8"),
+        ("heading_east", "f8"),  # unit vector; (0, 0): not known yet
+        ("heading_north", "f8"),
+        ("heading_declared", "?"),  # by the newest reading, in motion
+        ("heading_firm", "?"),  # was ever known in motion
+        ("accuracy_m", "f8"),  # declared, 1 sigma; NaN: never
+        ("length_m", "f8"),
+        ("from_base_east_m", "f8"),  # newest reading, seen from the base
+        ("from_base_north_m", "f8"),
+        ("base_lat_deg", "f8"),
+        ("base_lon_deg", "f8"),
+        ("base_x_m", "f8"),
+        ("base_east_m", "f8"),
+        ("base_north_m", "f8"),
+        ("base_heading_east", "f8"),
+        ("base_heading_north", "f8"),
+        ("newest_crumb", "i8"),
+        ("crumb_count", "i8"),
+        ("crumbs", "f4", (CRUMBS, 3)),  # ring of EAST, NORTH, X: to 4 mm after 100 km
+    ],
+    align=True,
+)
+
+
+def new_tracks(capacity: int) -> Records:
+    """Return `capacity` free rows of dtype TRACK."""
+    return np.zeros(capacity, TRACK)
+
+
+def forget(tracks: Records, rows: I64) -> None:
+    """Free the rows. Their serial goes on, so that nobody takes the next vehicle there for this one."""
+    serial = tracks["serial"][rows] + 1
+    wipe(tracks, rows)
+    tracks["serial"][rows] = serial
+
+
+@njit(cache=True)
+def advance(
+    tracks: Records,
+    rows: I64,
+    t_us: I64,
+    received_us: I64,
+    msg_cnt: I64,
+    lat_deg: F64,
+    lon_deg: F64,
+    speed_mps: F64,
+    heading_deg: F64,
+    accuracy_m: F64,
+    length_m: F64,
+    max_gap_s: float,
+    out_outcome: NDArray[np.uint8],
+    out_x_m: F64,
+    out_missed: I64,
+    out_began: NDArray[np.bool_],
+) -> None:
+    """Take one reading into each of `rows`; every column is (B,) and a row occurs at most once.
+
+    `out_outcome` is DUPLICATE (an event time already seen), OUT_OF_ORDER (an older one; the row stays as it was) or 0
+    for a reading to be judged, whose odometer is in `out_x_m` (NaN otherwise). `out_missed` counts the messages that
+    `msg_cnt` says were sent in between. `out_began` is true where the odometer began anew: a new vehicle, or more than
+    `max_gap_s` of silence. Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
+    """
+    for i in range(rows.size):
+        track = tracks[rows[i]]
+        out_x_m[i] = np.nan
+        out_missed[i] = 0
+        out_began[i] = False
+        if t_us[i] <= track.t_us:
+            out_outcome[i] = _DUPLICATE if t_us[i] == track.t_us else _OUT_OF_ORDER
+            continue
+        out_outcome[i] = _ACCEPTED
+        step_s = 1e-6 * (t_us[i] - track.t_us)
+        if track.t_us == 0 or step_s > max_gap_s:
+            _begin(track, lat_deg[i], lon_deg[i])
+            out_began[i] = True
+        else:
+            out_missed[i] = _count_missed(track, msg_cnt[i], step_s, max_gap_s)
+            track.step_s = step_s
+        track.t_us = t_us[i]
+        track.received_us = received_us[i]
+        track.msg_cnt = msg_cnt[i]
+        track.count += 1
+        track.lat_deg = lat_deg[i]
+        track.lon_deg = lon_deg[i]
+        track.v_mps = speed_mps[i]
+        if accuracy_m[i] >= 0.0:
+            track.accuracy_m = accuracy_m[i]
+        if length_m[i] > 0.0:
+            track.length_m = length_m[i]
+        _measure(track, heading_deg[i])
+        if out_began[i]:
+            _push_crumb(track)
+        out_x_m[i] = track.x_m
+
+
+@njit(cache=True)
+def leave_crumb(tracks: Records, rows: I64, trusted: NDArray[np.bool_], v_mps: F64) -> None:
+    """Move each row's base after its newest reading was judged; once per reading that `advance` accepted.
+
+    `trusted` (B,): the location may be believed. `v_mps` (B,): the recovered speed, which carries the base on where it
+    may not. A trusted reading too far from the base for one trail to hold both begins the trail anew, not the odometer.
+    """
+    for i in range(rows.size):
+        track = tracks[rows[i]]
+        if trusted[i]:
+            east_m, north_m = track.from_base_east_m, track.from_base_north_m
+            apart_m = math.hypot(east_m, north_m)
+            if track.x_m - track.base_x_m < CRUMB_SPACING_M and apart_m < 3.0 * CRUMB_SPACING_M:
+                continue
+            if apart_m > _BREAK_M + 2.0 * track.v_mps * track.step_s:
+                track.crumb_count = 0
+            track.base_lat_deg, track.base_lon_deg = track.lat_deg, track.lon_deg
+            track.base_x_m = track.x_m
+            if not track.heading_declared:
+                track.heading_east, track.heading_north = east_m / apart_m, north_m / apart_m
+            track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
+        else:
+            travelled_m = v_mps[i] * track.step_s
+            east_m = 0.5 * travelled_m * track.base_heading_east
+            north_m = 0.5 * travelled_m * track.base_heading_north
+            if track.heading_declared and _turn_cos(track) >= _TURN_COS_MIN:
+                track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
+            east_m += 0.5 * travelled_m * track.base_heading_east
+            north_m += 0.5 * travelled_m * track.base_heading_north
+            track.base_lat_deg, track.base_lon_deg = displaced_deg(
+                track.base_lat_deg, track.base_lon_deg, east_m, north_m
+            )
+            track.base_x_m += travelled_m
+        track.base_east_m += east_m
+        track.base_north_m += north_m
+        track.from_base_east_m = track.from_base_north_m = 0.0
+        if track.crumb_count == 0 or track.base_x_m - track.crumbs[track.newest_crumb, X] >= CRUMB_SPACING_M:
+            _push_crumb(track)
+
+
+@njit(cache=True)
+def _begin(track: Any, lat_deg: float, lon_deg: float) -> None:
+    """Set the odometer to zero at this place, with no trail behind it."""
+    if track.t_us == 0:
+        track.length_m = DEFAULT_LENGTH_M
+        track.accuracy_m = np.nan
+        track.interval_s = _FIRST_INTERVAL_S
+    track.serial += 1
+    track.count = 0
+    track.step_s = 0.0
+    track.heading_east = track.heading_north = 0.0
+    track.heading_firm = False
+    track.base_lat_deg, track.base_lon_deg = lat_deg, lon_deg
+    track.base_x_m = track.base_east_m = track.base_north_m = 0.0
+    track.base_heading_east = track.base_heading_north = 0.0
+    track.crumb_count = 0
+
+
+@njit(cache=True)
+def _count_missed(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
+    """Messages lost before this one; also brings the sender's own interval up to date.
+
+    A step of the counter by n says that n - 1 are lost, if the elapsed time has room for n at no less than half the
+    sender's mean interval. Otherwise the counter was restarted (or stands still) and says nothing.
+    """
+    sent = (msg_cnt - track.msg_cnt) % MSG_CNT_MODULUS
+    if sent == 0 or (sent > 1 and step_s < 0.5 * track.interval_s * sent):
+        sent = 1
+    interval_s = min(max(step_s / sent, _INTERVAL_MIN_S), max_gap_s)
+    gain = max(_INTERVAL_GAIN, 1.0 / (track.count + 1.0))
+    track.interval_s += gain * (interval_s - track.interval_s)
+    return int(sent - 1)
+
+
+@njit(cache=True)
+def _measure(track: Any, heading_deg: float) -> None:
+    """Set heading and odometer of the newest reading, seen from the base."""
+    east_m, north_m = displacement_m(track.base_lat_deg, track.base_lon_deg, track.lat_deg, track.lon_deg)
+    track.from_base_east_m, track.from_base_north_m = east_m, north_m
+    apart_m = math.hypot(east_m, north_m)
+    moving = track.v_mps >= MOVING_MPS or apart_m >= CRUMB_SPACING_M
+    known = track.base_heading_east != 0.0 or track.base_heading_north != 0.0
+    track.heading_declared = moving and math.isfinite(heading_deg)
+    if track.heading_declared or (math.isfinite(heading_deg) and not known):
+        track.heading_east = math.sin(math.radians(heading_deg))
+        track.heading_north = math.cos(math.radians(heading_deg))
+    elif moving:
+        _head_along(track, apart_m)
+    if not track.heading_firm and (moving or not known):
+        track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
+        track.heading_firm = track.heading_declared or (moving and apart_m >= _CHORD_MIN_M)
+
+    turn_cos = _turn_cos(track)
+    if turn_cos < _TURN_COS_MIN:
+        ahead_m = east_m * track.heading_east + north_m * track.heading_north
+    else:
+        mean_east = track.base_heading_east + track.heading_east
+        mean_north = track.base_heading_north + track.heading_north
+        ahead_m = (east_m * mean_east + north_m * mean_north) / math.hypot(mean_east, mean_north)
+        ahead_m *= 1.0 + (1.0 - turn_cos) / 12.0
+    track.x_m = track.base_x_m + ahead_m
+
+
+@njit(cache=True)
+def _head_along(track: Any, apart_m: float) -> None:
+    """Take the heading from the way since the base, for a sender that declares none."""
+    if apart_m < (_CHORD_MIN_M if track.heading_firm else 1e-3):
+        return
+    east, north = track.from_base_east_m / apart_m, track.from_base_north_m / apart_m
+    if track.heading_firm and east * track.base_heading_east + north * track.base_heading_north < _TURN_COS_MIN:
+        return
+    track.heading_east, track.heading_north = east, north
+
+
+@njit(cache=True)
+def _turn_cos(track: Any) -> float:
+    """Return the cosine of the angle between the headings at the base and now."""
+    return float(track.base_heading_east * track.heading_east + track.base_heading_north * track.heading_north)
+
+
+@njit(cache=True)
+def _push_crumb(track: Any) -> None:
+    """Keep the place of the base."""
+    track.newest_crumb = (track.newest_crumb + 1) & (CRUMBS - 1)
+    track.crumb_count = min(track.crumb_count + 1, CRUMBS)
+    crumb = track.crumbs[track.newest_crumb]
+    crumb[EAST] = track.base_east_m
+    crumb[NORTH] = track.base_north_m
+    crumb[X] = track.base_x_m

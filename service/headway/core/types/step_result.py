@@ -1,0 +1,100 @@
+"""What one step of the engine tells the shell."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum, unique
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.types.batch import F64, I64
+from headway.core.types.records import Kind, Records, Sensor
+
+
+@unique
+class Phase(StrEnum):
+    """The life of an event."""
+
+    ONSET = "onset"
+    UPDATE = "update"
+    CLEARED = "cleared"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Evidence:
+    """Enough to compute the verdict again: a row's state some readings ago, and every reading since.
+
+    `checkpoint` is the bank row (`judges.Judges.dtype`) before `readings[0]`; `readings` (n,) has dtype READING, oldest
+    first, the judged one last; `leaders` (n,) is the row of whom the vehicle followed then, -1 for nobody: a row of
+    another number is another leader, no more is read from it.
+    """
+
+    checkpoint: Records
+    readings: Records
+    leaders: I64
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnomalyEvent:
+    """One statement about one suspect; `event_id` is the same from onset to cleared."""
+
+    event_id: str
+    phase: Phase
+    kind: Kind
+    sensor: Sensor
+    confidence: float
+    suspect: str
+    leader: str | None
+    follower: str
+    t_us: int
+    """Event time of the reading that caused this statement."""
+    received_us: int
+    nis: float
+    gate: float
+    statistic: float
+    p_value: float
+    nu: tuple[float, float]
+    """Innovation of location (m) and speed (m/s)."""
+    recovered: tuple[float, float, float, float]
+    """x_m, v_mps, x_std_m, v_std_mps of the estimate that stands in for the reading."""
+    evidence: Evidence | None
+    """None for a miss: there is no reading to show."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Turn:
+    """Result of `Engine.step`."""
+
+    outcomes: NDArray[np.uint8]
+    """(B,) an `Outcome` for each record, in the batch's order."""
+    events: list[AnomalyEvent] = field(default_factory=list)
+    nis: F64 = field(default_factory=lambda: np.empty(0))
+    """nis of the scored readings, for the consistency metric."""
+    anomalous: int = 0
+    """Scored readings beyond the gate."""
+    missed_messages: int = 0
+    """Messages that the senders' counters say were sent and never came."""
+    repairs: int = 0
+    restarts: int = 0
+    forgotten: int = 0
+    leader_changes: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PairStates:
+    """A snapshot of vehicles as columns, for the state topic and queries."""
+
+    followers: list[str]
+    leaders: list[str | None]
+    t_us: NDArray[np.int64]
+    lat_deg: F64
+    lon_deg: F64
+    heading_deg: F64
+    gap_m: F64
+    x_m: F64
+    v_mps: F64
+    statistic: F64
+    gate: F64
+    nis: F64
+    warming: NDArray[np.bool_]
+    anomalous: NDArray[np.bool_]
+    silent: NDArray[np.bool_]

@@ -1,0 +1,1 @@
+"""Bytes to columns, and the service's own messages to bytes."""

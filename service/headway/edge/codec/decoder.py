@@ -1,0 +1,313 @@
+"""Bytes to core columns, and the service's own messages to bytes.
+
+A turn's payloads that are all of the usual form are read in one compiled pass (`compact`). Otherwise they are read one
+by one, then judged together as columns; only a record that fails there is shown to the model, which names the fault.
+Every record of every payload ends in the batch or in exactly one rejection.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain, repeat
+from operator import itemgetter
+from typing import Any, Final, cast
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from headway.core.types.batch import F64, I64, Batch, Names
+from headway.core.types.identifiers import NAME_BYTES, names
+from headway.core.types.outcome import Outcome
+from headway.edge.codec import msgpack_columns
+from headway.edge.codec.layout import Layout
+from headway.edge.codec.msgpack_columns import Compact
+from headway.edge.codec.payload import Reader, Refusal, fault_of_shape
+from headway.edge.transport.message import Arrival, Fault, Rejection
+from headway_schemas.bsm import Bsm, Leader, from_record
+from headway_schemas.encodings import BSM_MSGPACK
+from headway_schemas.keys import Keys, has_wildcard, is_gateway, is_id
+
+_REMEMBERED_MAX: Final = 100_000
+"""Keys, and identifiers, found right that are remembered; when there are more, all are forgotten."""
+_NOT_THE_SENDER: Final = Fault(Outcome.IDENTITY_MISMATCH, "id is not the sender that the key names")
+_ANYONE: Final = ""
+"""Owner of a gateway's key: its records may be anybody's."""
+
+_BSM: Final = Layout.of(Bsm)
+_LEADER: Final = Layout.of(Leader)
+
+_RECEIVED_US: Final = itemgetter(Arrival._fields.index("received_us"))
+
+_NOTHING: Final[list[Any]] = []
+"""Record of no fields: no model accepts it."""
+
+_REASONS: Final = {
+    "missing": Outcome.UNAVAILABLE,
+    "finite_number": Outcome.NOT_FINITE,
+    "greater_than": Outcome.OUT_OF_RANGE,
+    "greater_than_equal": Outcome.OUT_OF_RANGE,
+    "less_than": Outcome.OUT_OF_RANGE,
+    "less_than_equal": Outcome.OUT_OF_RANGE,
+    "value_error": Outcome.OUT_OF_RANGE,
+}
+"""The model's word for a fault and ours; every other is malformed."""
+_WORST_FIRST: Final = (
+    Outcome.WRONG_VERSION,
+    Outcome.MALFORMED,
+    Outcome.NOT_FINITE,
+    Outcome.UNAVAILABLE,
+    Outcome.OUT_OF_RANGE,
+)
+"""Of several faults in one record, the one that names it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """One turn's arrivals, taken apart."""
+
+    batch: Batch
+    sources: I64
+    """(B,) for each record of the batch, the index of its arrival."""
+    rejections: list[Rejection]
+
+
+@dataclass(frozen=True, slots=True)
+class _Opened:
+    """Payloads that could be read: the records of them all, and (P,) for each payload where it came from."""
+
+    records: list[Any]
+    sources: list[int]
+    sizes: list[int]
+    """Records of the payload."""
+    owners: list[str]
+    """Who alone may be the sender of these records."""
+
+
+class Codec:
+    """Reads the messages of one site.
+
+    Parameters
+    ----------
+    keys
+        Keys of the site.
+    payload_max_bytes
+        Size of the largest payload that is read at all.
+    bundle_max
+        Records of the largest bundle.
+    """
+
+    def __init__(self, keys: Keys, *, payload_max_bytes: int = 65_536, bundle_max: int = 512) -> None:
+        self._keys = keys
+        self._payload_max_bytes = payload_max_bytes
+        self._bundle_max = bundle_max
+        self._reader = Reader(bundle_max)
+        self._owners: dict[str, bytes] = {}
+        """By key, padded."""
+        self._ids: set[str] = set()
+
+    def decode(self, arrivals: Sequence[Arrival]) -> Decoded:
+        """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises."""
+        return self._decode_usual(arrivals) or self._decode_any(arrivals)
+
+    def warm_up(self) -> None:
+        """Compile or load what reads the usual form."""
+        msgpack_columns.read(b"", np.empty(0, np.int64), b"", self._bundle_max)
+
+    def _decode_usual(self, arrivals: Sequence[Arrival]) -> Decoded | None:
+        """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
+        read = self._read_usual(arrivals)
+        if read is None:
+            return None
+        sources = np.arange(len(arrivals))
+        if read.ids.size > len(arrivals):
+            sources = np.repeat(sources, read.sizes)
+        numbers = dict(zip(msgpack_columns.NAMES, read.numbers, strict=True))
+        return Decoded(_batch(read.ids, read.leader_ids, numbers, arrivals, sources), sources, [])
+
+    def _read_usual(self, arrivals: Sequence[Arrival]) -> Compact | None:
+        """Read arrivals that are all of the usual form; None where there is more to say of one."""
+        if not arrivals:
+            return None
+        keys, payloads, encodings, are_puts, _, _ = zip(*arrivals, strict=True)
+        owners = list(map(self._owners.get, keys))
+        if None in owners or not all(are_puts) or set(encodings) != {BSM_MSGPACK}:
+            return None
+        sizes = np.fromiter(map(len, payloads), np.int64, len(payloads))
+        if sizes.max() > self._payload_max_bytes:
+            return None
+        return msgpack_columns.read(b"".join(payloads), sizes, b"".join(cast(list[bytes], owners)), self._bundle_max)
+
+    def _decode_any(self, arrivals: Sequence[Arrival]) -> Decoded:
+        opened, rejections = self._open(arrivals)
+        sizes = np.array(opened.sizes, dtype=np.int64)
+        sources = np.repeat(np.array(opened.sources, dtype=np.int64), sizes)
+        table = _BSM.table(_fitting(opened.records, _BSM))
+        ids, good = list(table.cells["id"]), table.good
+        good[self._not_ids(ids)] = False
+        leader_ids, leader_numbers = self._leaders(table.cells["leader"], ids, good)
+        owners = list(chain.from_iterable(map(repeat, opened.owners, opened.sizes)))
+        if ids != owners:
+            good[[not _may_send(owner, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
+
+        numbers = table.numbers | leader_numbers
+        if not good.all():
+            places = np.arange(sources.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+            for i in np.flatnonzero(~good):
+                fault = _fault_of(opened.records[i]) or _NOT_THE_SENDER
+                rejections.append(Rejection(fault, arrivals[sources[i]], index=int(places[i])))
+            kept = np.flatnonzero(good)
+            sources = sources[kept]
+            ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
+            numbers = {name: column[kept] for name, column in numbers.items()}
+        batch = _batch(names(ids), names(leader_ids), numbers, arrivals, sources)
+        return Decoded(batch, sources, rejections)
+
+    def records_in(self, arrivals: Sequence[Arrival]) -> int:
+        """Return how many records `decode` would account for."""
+        read = self._read_usual(arrivals)
+        if read is not None:
+            return read.ids.size
+        opened, rejections = self._open(arrivals)
+        return sum(opened.sizes) + sum(rejection.count for rejection in rejections)
+
+    def _open(self, arrivals: Sequence[Arrival]) -> tuple[_Opened, list[Rejection]]:
+        opened, rejections = _Opened([], [], [], []), list[Rejection]()
+        for source, arrival in enumerate(arrivals):
+            key, payload, encoding, is_put, received_us, _ = arrival
+            owner = self._owners.get(key)
+            if owner is None or not is_put or len(payload) > self._payload_max_bytes:
+                fault = self._fault_of_envelope(arrival)
+                if fault is not None:
+                    rejections.append(Rejection(fault, arrival))
+                    continue
+                owner = self._learn_owner(key)
+            records = self._reader.read(payload, encoding, received_us)
+            if type(records) is Refusal:
+                rejections.append(Rejection(records.fault, arrival, count=records.size))
+                continue
+            opened.records.extend(records)
+            opened.sources.append(source)
+            opened.sizes.append(len(records))
+            opened.owners.append(owner.rstrip(b"\0").decode())
+        return opened, rejections
+
+    def _fault_of_envelope(self, arrival: Arrival) -> Fault | None:
+        if not arrival.is_put:
+            return Fault(Outcome.NOT_A_PUT, "only PUT carries a message")
+        if has_wildcard(arrival.key):
+            return Fault(Outcome.WILDCARD_KEY, "the key stands for more than one")
+        address = self._keys.parse(arrival.key)
+        if address is None or address.channel != "bsm":
+            return Fault(Outcome.IDENTITY_MISMATCH, "the key names no sender")
+        if len(arrival.payload) > self._payload_max_bytes:
+            return Fault(Outcome.PAYLOAD_TOO_LARGE, f"{len(arrival.payload)} bytes, {self._payload_max_bytes} at most")
+        return None
+
+    def _learn_owner(self, key: str) -> bytes:
+        sender = key.rpartition("/")[2]
+        if len(self._owners) >= _REMEMBERED_MAX:
+            self._owners.clear()
+        owner = _ANYONE if is_gateway(sender) else sender
+        return self._owners.setdefault(key, owner.encode().ljust(NAME_BYTES, b"\0"))
+
+    def _not_ids(self, values: list[Any]) -> NDArray[np.intp]:
+        """Return the indices of values that are no identifiers."""
+        try:
+            if self._ids.issuperset(values):
+                return np.empty(0, dtype=np.intp)
+        except TypeError:
+            pass  # unhashable, so no identifier
+        return np.array([i for i, value in enumerate(values) if not self._is_id(value)], dtype=np.intp)
+
+    def _is_id(self, value: Any) -> bool:
+        if type(value) is not str or not is_id(value):
+            return False
+        if len(self._ids) >= _REMEMBERED_MAX:
+            self._ids.clear()
+        self._ids.add(value)
+        return True
+
+    def _leaders(
+        self, column: Sequence[Any], ids: list[Any], good: NDArray[np.bool_]
+    ) -> tuple[list[Any], dict[str, F64]]:
+        """Return ids and numbers of the declared leaders, clearing `good` of records whose leader cannot be."""
+        if column.count(None) == len(column):
+            return list(column), {name: np.full(len(column), np.nan) for name in _LEADER.kinds}
+        table = _LEADER.table(_fitting([_NOTHING if leader is None else leader for leader in column], _LEADER))
+        leader_ids = list(table.cells["id"])
+        # Where no leader is declared the sender's own id stands in, which has been judged.
+        declared = [
+            sender if leader is None else leader_id
+            for leader, leader_id, sender in zip(column, leader_ids, ids, strict=True)
+        ]
+        good[self._not_ids(declared)] = False
+        good[
+            [type(sender) is str and leader_id == sender for leader_id, sender in zip(leader_ids, ids, strict=True)]
+        ] = False
+        good &= table.good
+        return leader_ids, table.numbers
+
+
+def _batch(ids: Names, leader_ids: Names, numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64) -> Batch:
+    received_us = np.fromiter(map(_RECEIVED_US, arrivals), np.int64, len(arrivals))
+    return Batch(
+        ids=ids,
+        leader_ids=leader_ids,
+        msg_cnt=numbers["msg_cnt"].astype(np.int64),
+        t_us=numbers["t_us"].astype(np.int64),
+        received_us=received_us[sources],
+        lat_deg=numbers["lat"],
+        lon_deg=numbers["lon"],
+        speed_mps=numbers["speed_mps"],
+        heading_deg=numbers["heading_deg"],
+        accel_mps2=numbers["accel_mps2"],
+        accuracy_m=numbers["accuracy_m"],
+        length_m=numbers["length_m"],
+        range_m=numbers["range_m"],
+        range_rate_mps=numbers["range_rate_mps"],
+    )
+
+
+def _may_send(owner: str, sender: Any) -> bool:
+    """Whether a key of this owner may carry a record of this sender."""
+    return owner in (_ANYONE, sender)
+
+
+def _fitting(records: list[Any], layout: Layout) -> list[Any]:
+    """Put an empty record in the place of all that the layout cannot hold."""
+    width = len(layout.fields)
+    if set(map(type, records)) <= {list} and max(map(len, records), default=0) <= width:
+        return records
+    return [record if type(record) is list and len(record) <= width else _NOTHING for record in records]
+
+
+def _fault_of(record: Any) -> Fault | None:
+    """Ask the model what is wrong with a record; None: nothing."""
+    if isinstance(record, Fault):
+        return record
+    if type(record) is not list:
+        return Fault(Outcome.MALFORMED, "neither a map nor an array of fields")
+    if len(record) > len(_BSM.fields):
+        return fault_of_shape(record[0], "more fields than version 1 has")
+    try:
+        from_record(record)
+    except ValidationError as error:
+        faults = [_named(details) for details in error.errors(include_url=False, include_context=False)]
+        return min(faults, key=lambda fault: _WORST_FIRST.index(fault.reason))
+    except ValueError:
+        return fault_of_shape(record[0], "the leader of a record is an array of at most three fields")
+    return None
+
+
+def _named(error: ErrorDetails) -> Fault:
+    field, value = error["loc"][:1], error["input"]
+    if field == ("v",):
+        reason = Outcome.WRONG_VERSION
+    elif value is None:
+        reason = Outcome.UNAVAILABLE
+    elif error["type"] == "float_type" and type(value) is int:
+        reason = Outcome.OUT_OF_RANGE  # an integer beyond what a double holds
+    else:
+        reason = _REASONS.get(error["type"], Outcome.MALFORMED)
+    return Fault(reason, f"{'.'.join(map(str, error['loc'])) or 'record'}: {error['msg']}")

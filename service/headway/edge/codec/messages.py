@@ -1,0 +1,134 @@
+"""What the service tells, as messages of the wire contract."""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, Final
+
+from headway.core.types.outcome import Outcome
+from headway.core.types.records import Sensor
+from headway.core.types.step_result import AnomalyEvent, PairStates
+from headway.edge.codec.evidence import to_wire
+from headway.edge.identity import Identity
+from headway.edge.transport.message import Rejection
+from headway_schemas import event as wire
+from headway_schemas.fields import Message
+from headway_schemas.keys import is_id
+from headway_schemas.state import PairState, RejectedCopy, Standing
+
+DETAILS: Final = {
+    Outcome.TOO_OLD: "event time further behind the receipt than max_age_s",
+    Outcome.FROM_THE_FUTURE: "event time further ahead of the receipt than max_ahead_s",
+    Outcome.DUPLICATE: "a message of this sender with this count and time was here before",
+    Outcome.OUT_OF_ORDER: "a message of this sender with a later time was here before",
+    Outcome.TABLE_FULL: "as many vehicles are known as vehicle_capacity allows",
+}
+"""What to say of a record that the core rejects."""
+
+_ETSI_TARGET: Final = {
+    Sensor.LOCATION: wire.EtsiTarget.POSITION,
+    Sensor.SPEED: wire.EtsiTarget.SPEED,
+    Sensor.BOTH: wire.EtsiTarget.POSITION,
+    Sensor.LINK: wire.EtsiTarget.BEACON,
+}
+
+
+def event_message(
+    event: AnomalyEvent, identity: Identity, detected_us: int, latency_us: Mapping[wire.Stage, int]
+) -> wire.Event:
+    """Return what goes to the alert topic; `latency_us` lacks the way over the air, which the event itself tells."""
+    x_m, v_mps, x_std_m, v_std_mps = event.recovered
+    return wire.Event(
+        event_id=event.event_id,
+        phase=wire.Phase(event.phase),
+        kind=wire.Kind(event.kind.label),
+        sensor=wire.Sensor(event.sensor.label),
+        suspect=event.suspect,
+        leader=event.leader,
+        follower=event.follower,
+        site=identity.site,
+        t_us=event.t_us,
+        detected_us=detected_us,
+        nis=event.nis,
+        statistic=event.statistic,
+        gate=event.gate,
+        p_value=event.p_value,
+        innovation=wire.Innovation(x_m=event.nu[0], v_mps=event.nu[1]),
+        recovered=wire.Recovered(x_m=x_m, v_mps=v_mps, x_std_m=x_std_m, v_std_mps=v_std_mps),
+        latency_us={wire.Stage.WIRE: event.received_us - event.t_us, **latency_us},
+        model=identity.model,
+        config_hash=identity.config_hash,
+        confidence=event.confidence,
+        etsi_target=_ETSI_TARGET.get(event.sensor),
+        evidence=to_wire(event.evidence, identity) if event.evidence else None,
+    )
+
+
+def state_messages(states: PairStates, site: str) -> Iterator[PairState]:
+    """Yield the state of each vehicle."""
+    columns = zip(
+        states.followers,
+        states.leaders,
+        states.t_us.tolist(),
+        _standings(states),
+        *(getattr(states, name).tolist() for name in _STATE_NUMBERS),
+        strict=True,
+    )
+    for follower, leader, t_us, standing, *numbers in columns:
+        fields: dict[str, Any] = dict(zip(_STATE_NUMBERS.values(), numbers, strict=True))
+        yield PairState(site=site, follower=follower, leader=leader, t_us=t_us, standing=standing, **fields)
+
+
+_STATE_NUMBERS: Final = {
+    "lat_deg": "lat",
+    "lon_deg": "lon",
+    "heading_deg": "heading_deg",
+    "gap_m": "gap_m",
+    "x_m": "x_m",
+    "v_mps": "v_mps",
+    "nis": "nis",
+    "statistic": "statistic",
+    "gate": "gate",
+}
+"""Numbers of a state: name in the core, name on the wire."""
+
+
+def _standings(states: PairStates) -> Iterator[Standing]:
+    for silent, anomalous, warming in zip(
+        states.silent.tolist(), states.anomalous.tolist(), states.warming.tolist(), strict=True
+    ):
+        if silent:
+            yield Standing.SILENT
+        elif anomalous:
+            yield Standing.ANOMALOUS
+        else:
+            yield Standing.WARMING if warming else Standing.NORMAL
+
+
+_KEY_COPIED_MAX: Final = 256
+"""Characters of a key that go into a rejected copy."""
+
+
+def encode(message: Message) -> bytes:
+    """Return one of the service's own messages as JSON."""
+    return message.model_dump_json().encode()
+
+
+def rejected_copy(rejection: Rejection, *, payload_max_bytes: int) -> RejectedCopy:
+    """Return what goes to the rejected topic: never more than `payload_max_bytes` of the payload."""
+    arrival = rejection.arrival
+    sender = arrival.key.rpartition("/")[2]
+    return RejectedCopy(
+        reason=rejection.fault.reason.label,
+        detail=rejection.fault.detail,
+        key=_printable(arrival.key),
+        sender=sender if is_id(sender) else None,
+        encoding=_printable(arrival.encoding),
+        size=len(arrival.payload),
+        payload=arrival.payload[:payload_max_bytes],
+        truncated=len(arrival.payload) > payload_max_bytes,
+        received_us=arrival.received_us,
+        count=rejection.count,
+    )
+
+
+def _printable(text: str) -> str:
+    return text[:_KEY_COPIED_MAX].encode("ascii", "backslashreplace").decode("ascii")

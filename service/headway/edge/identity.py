@@ -1,0 +1,17 @@
+"""The identity of this instance: what each event and report carries."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Identity:
+    """What every event and report carries."""
+
+    site: str
+    instance: str
+    version: str
+    model: str
+    config_hash: str
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+    """All that a verdict depends on beside the readings: the detector's configuration, `version`, `core` (digest)."""

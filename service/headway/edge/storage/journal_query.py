@@ -1,0 +1,122 @@
+"""The reading end of the journal: pages for the bus, and everything for the commands."""
+
+import sqlite3
+import time
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from pydantic import ValidationError
+
+from headway.edge.storage.journal import LOCK_S, reason_of, require_format
+from headway.edge.transport.ports import Query
+from headway.edge.worker import Outbox
+from headway_schemas.encodings import EVENTS_JSON
+from headway_schemas.query import AlertsQuery
+
+_QUERY_S: Final = 5.0
+"""A question that takes longer is refused."""
+_EVIDENCE_BYTES: Final = 8 << 20
+"""Evidence in one answer; older statements come without, for a message of more than 16 MB would reach nobody."""
+_QUESTIONS: Final = 64
+"""Questions that wait."""
+_CLOSE_S: Final = 1.0
+
+_CONDITIONS: Final = {
+    "from_us": "detected_us >= ?",
+    "to_us": "detected_us < ?",
+    "before_us": "detected_us < ?",
+    "kind": "kind = ?",
+    "phase": "phase = ?",
+    "vehicle": "? IN (suspect, follower, leader)",
+    "event": "event_id = ?",
+}
+"""What each field of an `AlertsQuery` asks of a row; `limit` and `evidence` are no conditions."""
+
+
+class Told(NamedTuple):
+    """A statement as it went out, its evidence apart."""
+
+    detected_us: int
+    event: bytes
+    evidence: bytes | None
+
+    @property
+    def json(self) -> bytes:
+        """The statement, whole."""
+        return self.event + b',"evidence":' + (self.evidence or b"null") + b"}"
+
+
+def read(
+    path: Path, query: AlertsQuery, *, site: str | None = None, oldest_first: bool = False, longest_s: float = 3600.0
+) -> Iterator[Told]:
+    """Yield the statements that meet the conditions of a query, newest first, however many.
+
+    Raises
+    ------
+    sqlite3.Error
+        There is no journal, it cannot be read, or the time is over.
+    """
+    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCK_S)) as db:
+        over_s = time.monotonic() + longest_s
+        db.set_progress_handler(lambda: time.monotonic() > over_s, 10_000)
+        require_format(db)
+        asked = [(condition, getattr(query, name)) for name, condition in _CONDITIONS.items()] + [("site = ?", site)]
+        asked = [(condition, value) for condition, value in asked if value is not None]
+        where = " AND ".join(["TRUE", *(condition for condition, _ in asked)])
+        evidence = "evidence, parameters" if query.evidence else "NULL, NULL"
+        way = "ASC" if oldest_first else "DESC"
+        rows = db.execute(
+            f"SELECT detected_us, told, {evidence} FROM statements LEFT JOIN configs ON configs.id = config"  # noqa: S608
+            f" WHERE {where} ORDER BY detected_us {way}, statements.id {way}",
+            [value for _, value in asked],
+        )
+        for detected_us, event, shown, parameters in rows:
+            whole = None if shown is None else shown + b',"parameters":' + parameters + b"}"
+            yield Told(detected_us, event, whole)
+
+
+def page(path: Path, query: AlertsQuery, site: str | None = None) -> list[bytes]:
+    """Return the newest `limit` statements that meet the query, and those of the same microsecond as the last.
+
+    Raises as `read` does; it takes 5 s at most.
+    """
+    told: list[bytes] = []
+    last_us, evidence_bytes = 0, 0
+    for statement in read(path, query, site=site, longest_s=_QUERY_S):
+        if len(told) >= query.limit and statement.detected_us != last_us:
+            break
+        last_us = statement.detected_us
+        evidence_bytes += len(statement.evidence or b"")
+        told.append((statement if evidence_bytes <= _EVIDENCE_BYTES else statement._replace(evidence=None)).json)
+    return told
+
+
+class History:
+    """Answers questions from the journal in a thread of its own, whatever the loop and the writer do."""
+
+    def __init__(self, path: Path, site: str) -> None:
+        self._path = path
+        self._site = site
+        self._outbox = Outbox("headway-history", _QUESTIONS, sqlite3.Error)
+
+    def ask(self, query: Query) -> None:
+        """Have a question answered soon."""
+        self._outbox.put(lambda: self._answer(query))
+
+    def close(self) -> None:
+        """Answer what waits."""
+        self._outbox.close(_CLOSE_S)
+
+    def _answer(self, query: Query) -> None:
+        try:
+            asked = AlertsQuery.from_parameters(query.parameters)
+            told = page(self._path, asked, self._site)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            query.refuse(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
+        except sqlite3.Error as error:
+            query.refuse(f"the journal cannot be read ({reason_of(error)}): {error}")
+        else:
+            query.answer(b"[" + b",".join(told) + b"]", EVENTS_JSON)

@@ -1,0 +1,1 @@
+"""Accounts, metrics, health and logs of this process."""

@@ -1,0 +1,205 @@
+"""Every metric of the service, in one closed table. Nothing else imports prometheus_client.
+
+Metrics are read when somebody asks for them, from what the loop counts anyway; a message costs them nothing.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from enum import StrEnum, unique
+from typing import Any, Final
+
+import numpy as np
+from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily
+from prometheus_client.metrics_core import Metric as Family
+from prometheus_client.registry import Collector
+
+from headway.core.engine import Engine
+from headway.core.types.outcome import Outcome
+from headway.edge.identity import Identity
+from headway.edge.storage.journal import Reason
+from headway.edge.storage.persistence import Keeper
+from headway.edge.telemetry.accounting import Ledger
+from headway.edge.telemetry.health import Vitals
+from headway.edge.telemetry.latency import EDGES_US, Histogram, Latencies
+from headway.edge.transport.ports import Bus
+
+CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+_BUCKET_STRIDE: Final = 6
+"""Four buckets a decade are told, of the 24 kept."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sources:
+    """Where the values are."""
+
+    identity: Identity
+    vitals: Vitals
+    ledger: Ledger
+    latencies: Latencies
+    bus: Bus
+    engine: Engine
+    vehicle_capacity: int
+    queue_limit: int
+    alarm_budget_per_hour: float
+    keeper: Keeper | None = None
+
+
+@unique
+class Type(StrEnum):
+    """Of a metric."""
+
+    COUNTER = "counter"
+    GAUGE = "gauge"
+    HISTOGRAM = "histogram"
+
+
+Samples = Iterable[tuple[tuple[str, ...], Any]]
+"""Values by label values; of a histogram, a `Histogram`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """One row of the table."""
+
+    name: str
+    type: Type
+    help: str
+    labels: tuple[str, ...]
+    read: Callable[[Sources], Samples]
+
+
+def _one(read: Callable[[Sources], float]) -> Callable[[Sources], Samples]:
+    return lambda sources: [((), read(sources))]
+
+
+def _records(sources: Sources) -> Samples:
+    return [((outcome.label,), sources.ledger[outcome]) for outcome in Outcome]
+
+
+def _events(sources: Sources) -> Samples:
+    return [((kind.label, str(phase)), n) for (kind, phase), n in list(sources.ledger.events.items())]
+
+
+def _nis(sources: Sources) -> Samples:
+    ledger = sources.ledger
+    return [(("below",), ledger.nis_below), (("inside",), ledger.nis_inside), (("above",), ledger.nis_above)]
+
+
+def _dropped(sources: Sources) -> Samples:
+    reasons = {**sources.bus.dropped, "rejected_copy_rate": sources.ledger.copies_withheld}
+    return [((reason,), n) for reason, n in reasons.items()]
+
+
+def _stages(sources: Sources) -> Samples:
+    return [((str(stage),), histogram) for stage, histogram in sources.latencies.stages.items()]
+
+
+def _kept(read: Callable[[Keeper], float]) -> Callable[[Sources], Samples]:
+    """Read something of the keeper; 0 where nothing is kept."""
+    return lambda sources: [((), 0 if sources.keeper is None else read(sources.keeper))]
+
+
+def _journal_failures(sources: Sources) -> Samples:
+    return [((str(reason),), sources.keeper.scribe.failed[reason] if sources.keeper else 0) for reason in Reason]
+
+
+def _build(sources: Sources) -> Samples:
+    identity = sources.identity
+    return [((identity.version, identity.model, identity.config_hash, identity.site, identity.instance), 1)]
+
+
+_C, _G, _H = Type.COUNTER, Type.GAUGE, Type.HISTOGRAM
+TABLE: Final = (
+    Metric("headway_build_info", _G, "Always 1; who this is.", ("version", "model", "config_hash", "site", "instance"),
+           _build),
+    Metric("headway_ready", _G, "1 when messages are taken in and judged.", (), _one(lambda s: s.vitals.ready)),
+    Metric("headway_connected", _G, "1 when senders can reach the service.", (), _one(lambda s: s.bus.connected)),
+    Metric("headway_transports", _G, "Neighbours on the bus.", (), _one(lambda s: s.bus.transports)),
+    Metric("headway_messages_total", _C, "Payloads received, bundles as one.", (), _one(lambda s: s.bus.received)),
+    Metric("headway_records_total", _C, "Records by what became of them; each is counted once.", ("outcome",),
+           _records),
+    Metric("headway_shed_messages_total", _C, "Payloads shed, stalest first: too many waited, or for too long.", (),
+           _one(lambda s: s.bus.shed)),
+    Metric("headway_missed_messages_total", _C, "Messages that senders' counters say were sent and never came.", (),
+           _one(lambda s: s.ledger.missed_messages)),
+    Metric("headway_dropped_total", _C, "What was to be told and was not, by reason.", ("reason",), _dropped),
+    Metric("headway_queue_depth", _G, "Payloads received that wait.", (), _one(lambda s: s.bus.waiting)),
+    Metric("headway_queue_limit", _G, "Payloads that may wait.", (), _one(lambda s: s.queue_limit)),
+    Metric("headway_stage_latency_seconds", _H, "Time that records take, by stage; total is receipt to outcome.",
+           ("stage",), _stages),
+    Metric("headway_turns_total", _C, "Turns of the loop.", (), _one(lambda s: s.ledger.turns)),
+    Metric("headway_vehicles", _G, "Vehicles known.", (), _one(lambda s: s.engine.vehicles)),
+    Metric("headway_vehicle_capacity", _G, "Vehicles that may be known.", (), _one(lambda s: s.vehicle_capacity)),
+    Metric("headway_pairs", _G, "Vehicles that follow another.", (), _one(lambda s: s.engine.pairs)),
+    Metric("headway_active_events", _G, "Events not cleared.", (), _one(lambda s: s.engine.active_events)),
+    Metric("headway_events_total", _C, "Statements about suspects.", ("kind", "phase"), _events),
+    Metric("headway_alarm_budget_per_hour", _G, "False alarms accepted, per vehicle and hour of clean traffic.", (),
+           _one(lambda s: s.alarm_budget_per_hour)),
+    Metric("headway_anomalous_readings_total", _C, "Scored readings beyond the gate.", (),
+           _one(lambda s: s.ledger.anomalous)),
+    Metric("headway_nis_readings_total", _C,
+           "Scored readings by where their nis lies to the chi-square 95 % band; 95 % are inside when the filter is "
+           "consistent.", ("band",), _nis),
+    Metric("headway_covariance_repairs_total", _C, "Times the covariance guard had to act.", (),
+           _one(lambda s: s.ledger.repairs)),
+    Metric("headway_filter_restarts_total", _C, "Filters that began anew from a reading.", (),
+           _one(lambda s: s.ledger.restarts)),
+    Metric("headway_leader_changes_total", _C, "Followers that got another leader.", (),
+           _one(lambda s: s.ledger.leader_changes)),
+    Metric("headway_forgotten_vehicles_total", _C, "Vehicles forgotten after silence.", (),
+           _one(lambda s: s.ledger.forgotten)),
+    Metric("headway_journal_statements_total", _C, "Statements written to the journal.", (),
+           _kept(lambda k: k.scribe.written)),
+    Metric("headway_journal_failures_total", _C, "Statements told that are not in the journal, by reason.", ("reason",),
+           _journal_failures),
+    Metric("headway_journal_hurried_total", _C, "Statements told before they were written, the disk being slow.", (),
+           _kept(lambda k: k.scribe.hurried)),
+    Metric("headway_journal_pruned_total", _C, "Statements taken out of the journal, too old or too many.", (),
+           _kept(lambda k: k.scribe.pruned)),
+    Metric("headway_journal_waiting", _G, "Statements that wait to be written.", (), _kept(lambda k: k.scribe.waiting)),
+    Metric("headway_journal_bytes", _G, "What the journal holds.", (), _kept(lambda k: k.scribe.used_bytes)),
+    Metric("headway_snapshots_total", _C, "Snapshots of the detector written.", (),
+           _kept(lambda k: k.snapshots.written)),
+    Metric("headway_snapshot_failures_total", _C, "Snapshots that could not be written.", (),
+           _kept(lambda k: k.snapshots.failed)),
+)  # fmt: skip
+"""Beside these, `process_*` of the Prometheus client: CPU, memory, file descriptors."""
+
+
+class Metrics(Collector):
+    """The table with values."""
+
+    def __init__(self, sources: Sources) -> None:
+        self._sources = sources
+        self._registry = CollectorRegistry()
+        self._registry.register(self)
+        ProcessCollector(registry=self._registry)
+
+    def collect(self) -> Iterator[Family]:
+        """Yield each metric of the table."""
+        for metric in TABLE:
+            yield _family(metric, metric.read(self._sources))
+
+    def text(self) -> bytes:
+        """Return all in Prometheus' text format, of type `CONTENT_TYPE`."""
+        return generate_latest(self._registry)
+
+
+def _family(metric: Metric, samples: Samples) -> Family:
+    if metric.type is Type.HISTOGRAM:
+        histograms = HistogramMetricFamily(metric.name, metric.help, labels=metric.labels)
+        for labels, histogram in samples:
+            histograms.add_metric(labels, _buckets(histogram), histogram.sum_us / 1e6)
+        return histograms
+    of_type = CounterMetricFamily if metric.type is Type.COUNTER else GaugeMetricFamily
+    family = of_type(metric.name, metric.help, labels=metric.labels)
+    for labels, value in samples:
+        family.add_metric(labels, value)
+    return family
+
+
+def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
+    cumulated = np.cumsum(histogram.counts)
+    told = range(0, EDGES_US.size, _BUCKET_STRIDE)
+    return [(f"{EDGES_US[i] / 1e6:.3g}", float(cumulated[i])) for i in told] + [("+Inf", float(cumulated[-1]))]

@@ -1,0 +1,1 @@
+"""A stored verdict computed again, number by number."""

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+from core.estimation.following import LENGTH_M, START_S, dip, wave
+
+from headway.core.consistency.pair_tests import LINK, LINK_VERDICT, link_params, step_links
+from headway.core.types.records import READING, Kind
+
+CARS = 4
+SECONDS = 80.0
+LIE_AT = 700
+P = link_params(budget_per_hour=1.0)
+
+
+def platoon(with_range: bool, liar: int | None = None) -> np.ndarray:
+    """READING (n, 4): linear drivers of different temper behind each other; `liar` feigns a brake at LIE_AT."""
+    rng = np.random.default_rng(11)
+    t = np.arange(0.0, SECONDS, 0.1)
+    x, v = np.zeros((t.size, CARS)), np.zeros((t.size, CARS))
+    v[:, 0] = wave(t)
+    x[:, 0] = np.cumsum(0.1 * v[:, 0])
+    x[0, 1:] = -25.0 * np.arange(1, CARS)
+    v[0] = v[0, 0]
+    for k in range(1, t.size):
+        late = max(k - 4, 0)
+        gap = x[late, :-1] - LENGTH_M - x[late, 1:]
+        a = 0.05 * (gap - 1.5 * v[late, 1:]) + np.array([0.5, 0.6, 0.4]) * (v[late, :-1] - v[late, 1:])
+        v[k, 1:] = v[k - 1, 1:] + 0.1 * (a + rng.normal(0.0, 0.3, CARS - 1))
+        x[k, 1:] = x[k - 1, 1:] + 0.05 * (v[k, 1:] + v[k - 1, 1:])
+    readings = np.zeros((t.size, CARS), READING)
+    readings["t_s"] = START_S + t[:, None]
+    readings["leader_t_s"] = readings["t_s"]
+    readings["leader_t_s"][:, 0] = np.nan
+    readings["leader_length_m"] = LENGTH_M
+    readings["range_m"], readings["range_rate_mps"] = np.nan, np.nan
+    if with_range:
+        readings["range_m"][:, 1:] = x[:, :-1] - LENGTH_M - x[:, 1:] + rng.normal(0.5, 0.2, (t.size, CARS - 1))
+        readings["range_rate_mps"][:, 1:] = v[:, :-1] - v[:, 1:] + rng.normal(0.0, 0.1, (t.size, CARS - 1))
+    if liar is not None:
+        speed, location = dip(t.size - LIE_AT)
+        v[LIE_AT:, liar] += speed
+        x[LIE_AT:, liar] += location
+    readings["x_m"], readings["v_mps"] = x, v + rng.normal(0.0, 0.02, v.shape)
+    readings["leader_x_m"][:, 1:], readings["leader_v_mps"][:, 1:] = x[:, :-1], readings["v_mps"][:, :-1]
+    return readings
+
+
+def run(readings: np.ndarray, leaders: np.ndarray | None = None) -> np.ndarray:
+    rows = np.arange(readings.shape[1])
+    leaders = rows - 1 if leaders is None else leaders
+    links = np.zeros(rows.size, LINK)
+    verdicts = np.zeros(readings.shape, LINK_VERDICT)
+    for k in range(readings.shape[0]):
+        step_links(links, rows, leaders, readings[k], P, verdicts[k])
+    return verdicts
+
+
+def last_named(verdicts: np.ndarray) -> int:
+    """The car that the last statement names."""
+    moment, follower = np.argwhere(verdicts["kind"] != Kind.NONE)[-1]
+    return int(follower if verdicts["follower_log_odds"][moment, follower] > 0.0 else follower - 1)
+
+
+@pytest.mark.parametrize("with_range", [False, True])
+def test_honest_cars_are_left_in_peace(with_range: bool) -> None:
+    verdicts = run(platoon(with_range))
+    assert (verdicts["kind"] == Kind.NONE).all()
+    assert not verdicts["response"]["warming"][-1, 1:].any()
+
+
+@pytest.mark.parametrize("with_range", [False, True])
+@pytest.mark.parametrize("liar", range(CARS))
+def test_a_feigned_brake_names_the_liar_wherever_it_drives(with_range: bool, liar: int) -> None:
+    verdicts = run(platoon(with_range, liar))[: LIE_AT + 50]
+    assert (verdicts["kind"][:LIE_AT] == Kind.NONE).all()
+    assert (verdicts["kind"] == (Kind.RANGE if with_range else Kind.RESPONSE)).any()
+    assert last_named(verdicts) == liar
+
+
+def test_the_suspect_stands_when_the_alarm_is_over() -> None:
+    """What ends an event blames whom it has blamed."""
+    verdicts = run(platoon(with_range=False, liar=1))
+    for follower in (1, 2):
+        last = int(np.flatnonzero(verdicts["kind"][:, follower] != Kind.NONE)[-1])
+        odds = verdicts["follower_log_odds"][:, follower]
+        assert odds[last] != 0.0
+        assert (odds[last:] == odds[last]).all()
+
+
+def test_the_verdict_does_not_depend_on_the_order_of_a_wave() -> None:
+    readings = platoon(with_range=True, liar=1)
+    forward = run(readings)
+    backwards = np.arange(CARS)[::-1].copy()
+    links = np.zeros(CARS, LINK)
+    for k in range(readings.shape[0]):
+        verdicts = np.zeros(CARS, LINK_VERDICT)
+        step_links(links, backwards, backwards - 1, readings[k][backwards].copy(), P, verdicts)
+        assert (verdicts["kind"][::-1] == forward["kind"][k]).all()
+
+
+def test_a_leader_who_is_another_car_begins_with_new_offsets() -> None:
+    readings = platoon(with_range=True)
+    rows, links = np.arange(CARS), np.zeros(CARS, LINK)
+    verdicts = np.zeros(CARS, LINK_VERDICT)
+    for k in range(600):
+        step_links(links, rows, rows - 1, readings[k], P, verdicts)
+    assert not verdicts["ranging"]["warming"][2]
+    overtaken = np.array([-1, 0, 0, 2])
+    step_links(links, rows, overtaken, readings[600], P, verdicts)
+    assert verdicts["ranging"]["warming"][2]
+    assert verdicts["response"]["warming"][2]
+    assert not verdicts["ranging"]["warming"][3]
+    assert links["response"]["heard_s"][2] > P.response.warming_s
+
+
+def test_a_leader_unheard_for_a_moment_is_the_same_pair() -> None:
+    readings = platoon(with_range=True)
+    for name in ("leader_t_s", "leader_x_m", "leader_v_mps"):
+        readings[name][600:605, 2] = np.nan
+    rows, links = np.arange(CARS), np.zeros(CARS, LINK)
+    verdicts = np.zeros(CARS, LINK_VERDICT)
+    for k in range(620):
+        leaders = np.array([-1, 0, -1 if 600 <= k < 605 else 1, 2])
+        step_links(links, rows, leaders, readings[k], P, verdicts)
+        assert (verdicts["kind"] == Kind.NONE).all()
+    assert not verdicts["ranging"]["warming"][2]
+    assert not verdicts["response"]["warming"][2]

@@ -1,0 +1,123 @@
+"""The car ahead as an input: who answers it as the driver model does is found out, and held to it."""
+
+import numpy as np
+import pytest
+from core.driving import judge
+
+from headway.core.estimation.car_following import IdmParams, idm
+from headway.core.estimation.imm.driver_input import Driver, ask, driver_dtype, learn_likeness, meet, unforeseen_share
+from headway.core.runtime.rows import readings
+
+DELAY_S = 0.5
+LENGTH_M = 5.0
+JERK_MPS3 = 5.0
+P = Driver(IdmParams(), DELAY_S, change_most_mps2=1.0, doubt=60.0, memory=0.9995, announced_step=0.002)
+
+
+def follow(rng, gain, n=3000, *, own_std_mps2=0.0, x_walk_m=0.0, cut_in=None):
+    """Readings of a car whose acceleration is `gain` times the model's, tau after its leader, and a will of its own."""
+    h = 0.1
+    t_s = h * np.arange(n)
+    leader_v = 14.0 + 4.0 * np.sin(0.11 * t_s) + 2.0 * np.sin(0.31 * t_s + 1.0)
+    leader_x = 60.0 + np.r_[0.0, np.cumsum(0.5 * h * (leader_v[1:] + leader_v[:-1]))]
+    if cut_in is not None:
+        leader_x[cut_in:] -= 6.0
+    late, own, a = round(DELAY_S / h), 0.0, 0.0
+    x, v = np.zeros(n), np.full(n, 14.0)
+    for k in range(n - 1):
+        seen = max(0, k - late)
+        own += -0.02 * own + own_std_mps2 * 0.2 * rng.normal()
+        asked, _, _, _ = idm(leader_x[seen] - LENGTH_M - x[k], v[k], leader_v[seen], P.idm)
+        a += np.clip(gain * asked + own - a, -JERK_MPS3 * h, JERK_MPS3 * h)
+        v[k + 1] = max(0.0, v[k] + h * a)
+        x[k + 1] = x[k] + 0.5 * h * (v[k] + v[k + 1])
+    read = readings(n)
+    read["t_s"] = read["leader_t_s"] = t_s
+    read["leader_x_m"], read["leader_v_mps"], read["leader_length_m"] = leader_x, leader_v, LENGTH_M
+    read["x_m"] = x + np.cumsum(rng.normal(0.0, x_walk_m, n)) + rng.normal(0.0, 0.01, n)
+    read["v_mps"] = v + rng.normal(0.0, 0.01, n)
+    return read
+
+
+@pytest.mark.parametrize("gain", [0.4, 1.0, 1.5])
+def test_how_like_the_model_a_driver_is_becomes_known(gain: float) -> None:
+    _, row = judge(follow(np.random.default_rng(0), gain), delay_s=DELAY_S)
+    assert row[0]["driver"]["likeness"] == pytest.approx(gain, abs=0.1)
+
+
+def test_a_driver_with_a_will_of_his_own_is_not_like_the_model() -> None:
+    _, row = judge(follow(np.random.default_rng(1), 0.02, own_std_mps2=0.8), delay_s=DELAY_S)
+    assert row[0]["driver"]["likeness"] < 0.2
+    assert unforeseen_share(row[0]["driver"], row[0]["levels"]["q"]) > 0.9
+
+
+def test_what_the_car_ahead_announces_is_no_manoeuvre() -> None:
+    _, row = judge(follow(np.random.default_rng(2), 1.0), delay_s=DELAY_S)
+    driver = row[0]["driver"]
+    assert unforeseen_share(driver, row[0]["levels"]["q"]) < 0.2
+    driver["asked_mps2"] = np.nan
+    assert unforeseen_share(driver, row[0]["levels"]["q"]) == 1.0, "nobody ahead, nothing announced"
+
+
+def test_a_speed_that_drifts_is_betrayed_by_the_car_ahead_when_the_location_wanders() -> None:
+    """The location walks by 2 cm a reading, so that a speed that gains 0.3 m/s in two seconds is nothing to it."""
+    found = {True: 0, False: 0}
+    for seed in range(6):
+        read = follow(np.random.default_rng(10 + seed), 1.0, x_walk_m=0.02)
+        read["v_mps"][2000:2020] += np.linspace(0.0, 0.3, 20)
+        for led in found:
+            told = read.copy()
+            if not led:
+                told["leader_t_s"] = np.nan
+            judged, _ = judge(told, delay_s=DELAY_S)
+            found[led] += judged["anomalous"][2000:2020].any()
+    assert found[True] >= 5
+    assert found[False] <= 2
+
+
+def test_another_car_ahead_is_no_alarm() -> None:
+    """It cuts in 6 m nearer, and the driver brakes; later it is not heard for ten seconds."""
+    for seed in range(4):
+        read = follow(np.random.default_rng(20 + seed), 1.0, cut_in=2000)
+        read["leader_t_s"][2500:2600] = np.nan
+        judged, _ = judge(read, delay_s=DELAY_S)
+        assert not judged["anomalous"][200:].any()
+
+
+def test_a_change_is_what_the_model_asks_more_than_before_a_delay_after_the_leader() -> None:
+    driver, z = np.zeros(1, driver_dtype(DELAY_S))[0], readings(1)[0]
+    meet(driver, P)
+    driver["likeness"] = 0.5
+    asked = []
+    for k in range(20):
+        z["t_s"] = z["leader_t_s"] = 0.1 * k
+        z["leader_x_m"], z["leader_v_mps"], z["leader_length_m"] = 40.0 + k, 10.0 if k < 10 else 8.0, LENGTH_M
+        change = ask(driver, z, 0.1, float(k), 10.0, P)
+        asked.append(idm(30.0, 10.0, 10.0 if k < 15 else 8.0, P.idm)[0])
+        assert change == pytest.approx(0.0 if k == 0 else 0.5 * (asked[-1] - asked[-2]), abs=1e-6)
+
+
+def test_the_likeness_learns_what_least_squares_would() -> None:
+    """With no gain of the filter the felt change adds up, and the likeness is the slope of innovation on it, shrunk."""
+    rng = np.random.default_rng(4)
+    driver = np.zeros(1, driver_dtype(DELAY_S))[0]
+    everlasting = P._replace(memory=1.0)
+    meet(driver, everlasting)
+    felt, nu, known = [], [], 0.0
+    for _ in range(200):
+        driver["felt_mps2"] += rng.normal(0.0, 0.1)
+        felt.append(float(driver["felt_mps"] + 0.1 * driver["felt_mps2"]))
+        nu.append((0.7 - known) * felt[-1] + rng.normal(0.0, 0.05))
+        learn_likeness(driver, 0.1, nu[-1], 0.05**2, 0.0, 0.0, everlasting)
+        nu[-1] += known * felt[-1]
+        known = float(driver["likeness"])
+    f, y = np.array(felt), np.array(nu)
+    assert known == pytest.approx(f @ y / (f @ f + P.doubt * 0.05**2), rel=0.02)
+
+
+def test_nobody_is_foreseen_altogether() -> None:
+    """An hour behind a car that stands: no jerk, and nothing announced that it could be a share of."""
+    driver = np.zeros(1, driver_dtype(DELAY_S))[0]
+    assert unforeseen_share(driver, 1e-12) == 1.0
+    driver["announced"] = 1.0
+    assert unforeseen_share(driver, 1e-12) == 1e-3

@@ -1,0 +1,167 @@
+"""The ten hypotheses against their plain twin, and the behaviour they are there for."""
+
+import numpy as np
+import pytest
+from core.estimation.imm import plain_modes as plain
+
+from headway.core.estimation.imm.modes import (
+    CALM,
+    CALM_NIS,
+    COUNT,
+    DRIFT_V,
+    FINDING,
+    HEALTHY,
+    HYPOTHESES,
+    SINGLE,
+    begin_all,
+    estimate,
+    judge,
+    suspicion,
+)
+from headway.core.estimation.imm.step import headway_params
+from headway.core.estimation.kinematics import SIZE
+from headway.core.types.config import DetectorConfig
+
+P = headway_params(DetectorConfig()).hypotheses
+R = np.array([1e-4, 1e-4])
+Q, WALK = 0.2, 1e-5
+TRIANGLE = np.triu_indices(5)
+
+
+class Kernel:
+    """A row, and what `judge` finds."""
+
+    def __init__(self, x_m, v_mps):
+        self.row, self.found = np.zeros(1, HYPOTHESES)[0], np.zeros(1, FINDING)[0]
+        begin_all(self.row, x_m, v_mps, R, P)
+
+    @property
+    def w(self):
+        return self.row["w"]
+
+    def step(self, h, z, unforeseen=1.0):
+        judge(self.row, h, np.asarray(z), R, Q, WALK, unforeseen, P, self.found)
+
+
+def gaussians(kernel):
+    made = []
+    for m, weight in zip([*kernel.row["one"].T[:SINGLE], *kernel.row["two"].T], kernel.w, strict=True):
+        cov = np.zeros((5, 5))
+        cov[TRIANGLE] = m[5:]
+        made.append(plain.Gaussian(float(weight), m[:5].copy(), cov + np.triu(cov, 1).T))
+    return made
+
+
+def readings(rng, kind, n=60):
+    """A car that brakes gently, lied about from sample 20 to 40."""
+    t_s = 0.1 * np.arange(n)
+    x, v = 12.0 * t_s - 0.4 * t_s**2, 12.0 - 0.8 * t_s
+    z = np.stack([x, v], axis=1) + rng.normal(0.0, 0.01, (n, 2))
+    lie = slice(20, 40)
+    if kind == "bias":
+        z[lie, 0] += 0.7
+    elif kind == "drift":
+        z[lie, 1] += np.linspace(0.0, 0.8, 20)
+    elif kind == "noise":
+        z[lie, 1] += rng.normal(0.0, 1.0, 20)
+    elif kind == "two":
+        z[lie, 0] += 1.3
+        z[25:45, 1] += rng.normal(0.0, 1.0, 20)
+    elif kind == "negative":
+        z[lie, 1] = -1.0
+    return t_s, z
+
+
+@pytest.mark.parametrize("unforeseen", [1.0, 0.1])
+@pytest.mark.parametrize("kind", ["honest", "bias", "drift", "noise", "two", "negative"])
+def test_every_step_agrees_with_the_plain_twin(kind: str, unforeseen: float) -> None:
+    """From the same state each time, so that rounding does not add up where two hypotheses are neck and neck."""
+    t_s, z = readings(np.random.default_rng(4), kind)
+    came = np.arange(len(t_s)) % 7 != 5
+    t_s, z = t_s[came], z[came]
+    kernel = Kernel(*z[0])
+    for k in range(1, len(t_s)):
+        h = float(t_s[k] - t_s[k - 1])
+        expected, ended = plain.step(gaussians(kernel), h, z[k], R, Q, WALK, unforeseen, P, CALM, CALM_NIS)
+        kernel.step(h, z[k], unforeseen)
+        np.testing.assert_allclose(kernel.found["ended"], ended, rtol=1e-4, atol=1e-8, err_msg=str(k))
+        for got, wanted, name in zip(gaussians(kernel), expected, plain.NAMES, strict=True):
+            assert got.weight == pytest.approx(wanted.weight, rel=1e-4, abs=1e-8), (k, name)
+            if wanted.weight > 1e-6 and (kernel.w[HEALTHY] <= CALM or plain.lies(name) < 2):
+                line = any(word in plain.LINES for word in name)
+                n = 5 if line else 3
+                np.testing.assert_allclose(got.mean[:n], wanted.mean[:n], rtol=1e-5, atol=1e-5, err_msg=f"{k} {name}")
+                np.testing.assert_allclose(got.cov[:n, :n], wanted.cov[:n, :n], rtol=1e-4, atol=1e-6)
+
+
+def test_the_weights_sum_to_one_and_none_dies() -> None:
+    t_s, z = readings(np.random.default_rng(1), "two")
+    kernel = Kernel(*z[0])
+    for k in range(1, len(t_s)):
+        kernel.step(0.1, z[k])
+        assert kernel.w.sum() == pytest.approx(1.0, abs=1e-8)
+        assert kernel.w.min() >= 1e-10
+
+
+@pytest.mark.parametrize("sensor", [0, 1])
+def test_a_spike_is_blamed_on_its_sensor_and_on_nothing_after_it(sensor: int) -> None:
+    t_s, z = readings(np.random.default_rng(2), "honest")
+    z[30, sensor] += 0.8
+    kernel = Kernel(*z[0])
+    for k in range(1, len(t_s)):
+        kernel.step(0.1, z[k])
+        wrong = suspicion(kernel.w)
+        if k == 30:
+            assert wrong[sensor] > 0.95
+            assert wrong[1 - sensor] < 0.05
+        elif k > 32 or 5 < k < 30:
+            assert kernel.w[HEALTHY] > 0.9
+
+
+def test_the_end_of_a_bias_is_not_a_new_fault() -> None:
+    t_s, z = readings(np.random.default_rng(3), "bias")
+    kernel = Kernel(*z[0])
+    for k in range(1, len(t_s)):
+        kernel.step(0.1, z[k])
+        if 21 <= k < 40:
+            assert suspicion(kernel.w)[0] > 0.99
+        elif k > 41:
+            assert kernel.w[HEALTHY] > 0.95
+
+
+def test_the_innovation_is_that_of_the_healthy_hypothesis() -> None:
+    kernel = Kernel(0.0, 10.0)
+    kernel.step(0.1, (1.2, 10.5))
+    np.testing.assert_allclose(kernel.found["nu"], (1.2 - 1.0, 0.5), atol=1e-12)
+    assert kernel.found["S"][2] == pytest.approx(R[1] + R[1] + 0.01 * P.a_std_mps2**2 + Q * 0.1**3 / 3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("seed", [3, 4, 5])
+def test_a_drift_that_went_unnoticed_is_recognised_as_it_ends(seed: int) -> None:
+    """A location that wanders by a centimetre a reading hides it; what comes back is the truth, not a new lie."""
+    rng = np.random.default_rng(seed)
+    t_s, z = readings(rng, "honest")
+    z[:, 0] += np.cumsum(rng.normal(0.0, 0.01, len(t_s)))
+    z[20:40, 1] -= np.linspace(0.0, 0.2, 20)
+    row, found = np.zeros(1, HYPOTHESES)[0], np.zeros(1, FINDING)[0]
+    begin_all(row, *z[0], R, P)
+    suspected = []
+    for k in range(1, len(t_s)):
+        judge(row, 0.1, z[k], R, 0.03, 0.001, 1.0, P, found)
+        suspected.append(suspicion(row["w"])[1])
+        if k == 40:
+            assert found["ended"].argmax() == DRIFT_V
+            assert found["ended"].sum() > 0.9
+    assert max(suspected) < 0.1
+
+
+def test_the_estimate_is_the_mixture_of_all_that_count() -> None:
+    t_s, z = readings(np.random.default_rng(6), "two")
+    kernel, into = Kernel(*z[0]), np.empty(SIZE)
+    for k in range(1, len(t_s)):
+        kernel.step(0.1, z[k])
+        estimate(kernel.row, into)
+        count = SINGLE if kernel.w[HEALTHY] > CALM else COUNT
+        wanted = plain.mixed([part.honest() for part in gaussians(kernel)[:count]])
+        np.testing.assert_allclose(into[:3], wanted.mean[:3], rtol=1e-7)
+        np.testing.assert_allclose(into[[5, 6, 7, 10, 11, 14]], wanted.cov[np.triu_indices(3)], rtol=1e-5)

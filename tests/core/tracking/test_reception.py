@@ -1,0 +1,73 @@
+"""A miss needs a late sender and somebody who heard others meanwhile."""
+
+import numpy as np
+
+from headway.core.events.miss_log import MissLog
+from headway.core.tracking import reception, tracks
+from headway.core.tracking.vehicle_table import VehicleTable
+from headway.core.types.records import Kind
+from headway.core.types.step_result import Phase
+
+S = 1_000_000
+
+
+def test_never_before_600_ms_and_never_before_three_intervals() -> None:
+    assert [reception.limit_us(interval_s, 0.6) for interval_s in (0.1, 0.2, 0.5)] == [600_000, 600_000, 1_500_000]
+
+
+def test_leader_and_follower_are_each_others_witness() -> None:
+    heard = np.array([100, 200, 300, 0])
+    witness = reception.last_witness_us(heard, np.array([0, 1, 2]), np.array([-1, 0, 1]))
+    assert witness.tolist() == [200, 300, 200]
+
+
+def silent(heard_us: list[int]) -> np.ndarray:
+    """Tracks of vehicles at 10 Hz, well known, last heard then."""
+    known = tracks.new_tracks(len(heard_us))
+    known["received_us"], known["t_us"] = heard_us, heard_us
+    known["count"], known["interval_s"] = 100, 0.1
+    return known
+
+
+def test_late_only_while_a_neighbour_is_still_heard() -> None:
+    known = silent([9 * S, 9 * S, int(9.9 * S), 9 * S])
+    leaders = np.array([2, 3, -1, -1])
+    late = reception.late(known, np.arange(4), leaders, np.zeros(4, np.bool_), 10 * S, 0.6, 30)
+    assert late.tolist() == [True, False, False, False]
+
+
+def test_neither_the_excused_nor_the_little_known_are_late() -> None:
+    known = silent([9 * S, 9 * S, int(9.9 * S)])
+    known["count"][1] = 30
+    leaders, excused = np.array([2, 2, -1]), np.array([True, False, False])
+    assert not reception.late(known, np.arange(3), leaders, excused, 10 * S, 0.6, 30).any()
+
+
+def test_renamed_is_who_began_since_where_the_silent_one_would_be() -> None:
+    known = silent([9 * S, int(9.5 * S), int(9.5 * S)])
+    known["v_mps"], known["heading_north"] = 20.0, 1.0
+    known["lat_deg"] = 42.0 + np.array([0.0, 10.0, 200.0]) / 111_000.0
+    first_heard = np.array([0, int(9.1 * S), int(9.1 * S)])
+    rows = np.arange(3)
+    assert reception.renamed(known, first_heard, 0, rows)
+    assert not reception.renamed(known, np.array([0, 8 * S, int(9.1 * S)]), 0, rows)
+
+
+def test_an_ear_that_heard_nobody_was_not_open() -> None:
+    ear = reception.Ear()
+    ear.hear(np.arange(0, 2 * S, 50_000))
+    assert ear.was_open(S // 2, 3 * S // 2)
+    assert not ear.was_open(2 * S, 4 * S)
+    assert not ear.was_open(S, S + 50_000)
+
+
+def test_a_miss_begins_and_ends_under_one_id() -> None:
+    vehicles = VehicleTable(2)
+    follower, leader = vehicles.admit(["a", "b"])
+    log = MissLog(vehicles, 2)
+    onset = log.begin(follower, leader, 5 * S, 6 * S)
+    assert (onset.phase, onset.kind, onset.suspect, onset.leader) == (Phase.ONSET, Kind.MISS, "a", "b")
+    assert log.active[follower]
+    cleared = log.end(follower, -1, 8 * S, 9 * S)
+    assert (cleared.phase, cleared.event_id, cleared.leader) == (Phase.CLEARED, onset.event_id, None)
+    assert len(log) == 0

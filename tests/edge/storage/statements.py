@@ -1,0 +1,29 @@
+"""Statements as the loop makes them, and a walk through the pages of their journal."""
+
+import json
+from pathlib import Path
+
+from edge.stub import event
+from sim.rig import IDENTITY, KEYS
+
+from headway.edge.codec.messages import encode, event_message
+from headway.edge.storage.journal import Statement
+from headway.edge.storage.journal_query import page
+from headway_schemas.query import AlertsQuery
+
+
+def statement(detected_us: int, **changes) -> Statement:
+    message = event_message(event(**changes), IDENTITY, detected_us, {})
+    return Statement(message, KEYS.alert(message.kind, message.suspect), encode(message))
+
+
+def query(**asked) -> AlertsQuery:
+    return AlertsQuery.from_parameters({name: str(value) for name, value in asked.items() if value is not None})
+
+
+def found(path: Path, **asked) -> list[dict]:
+    return [json.loads(told) for told in page(path, query(**asked), IDENTITY.site)]
+
+
+def detected(path: Path, **asked) -> list[int]:
+    return [told["detected_us"] for told in found(path, **asked)]

@@ -1,0 +1,158 @@
+"""The snapshot on disk: a whole one at any time, used where it fits and passed over where it does not."""
+
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from sim.clock import START_US, FakeClock
+from structlog.testing import capture_logs
+
+from headway.core.engine import Engine
+from headway.core.types.batch import Batch
+from headway.core.types.config import DetectorConfig
+from headway.core.types.identifiers import names
+from headway.edge.codec.evidence import parameters
+from headway.edge.identity import Identity
+from headway.edge.storage.snapshots import Snapshots
+
+CONFIG = DetectorConfig(model="aekf", vehicle_capacity=100, warming_readings=20)
+IDENTITY = Identity(
+    site="s", instance="i", version="1", model="aekf", config_hash="c0ffee", parameters=parameters(CONFIG, "1", "abc")
+)
+INTERVAL_S = 10.0
+
+
+def driven(vehicles: int = 70, steps: int = 30) -> Engine:
+    """An engine that knows vehicles one behind the other, one of them under suspicion and one silent."""
+    engine = Engine(CONFIG)
+    nothing = np.full(vehicles, np.nan)
+    for k in range(steps):
+        t_us = np.full(vehicles, START_US - 100_000 * (steps - k))
+        x_m = -30.0 * np.arange(vehicles) + 2.0 * k
+        if k > steps - 8:
+            x_m[5] += 50.0
+        heard = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 8))
+        records = Batch(
+            ids=names([f"car{n}" for n in heard]),
+            leader_ids=names([None] * heard.size),
+            msg_cnt=np.full(heard.size, k),
+            t_us=t_us[heard],
+            received_us=t_us[heard],
+            lat_deg=42.0 + x_m[heard] / 111_083.0,
+            lon_deg=np.full(heard.size, -83.0),
+            speed_mps=np.full(heard.size, 20.0),
+            heading_deg=np.zeros(heard.size),
+            **dict.fromkeys(("accel_mps2", "accuracy_m", "length_m", "range_m", "range_rate_mps"), nothing[heard]),
+        )
+        engine.step(records, int(t_us[0]))
+    assert engine.active_events == 2
+    return engine
+
+
+def snapshots(path: Path, engine: Engine, identity: Identity = IDENTITY) -> Snapshots:
+    return Snapshots(path, INTERVAL_S, engine, identity, FakeClock())
+
+
+def saved(folder: Path, engine: Engine) -> Path:
+    path = folder / "state" / "s-i.snapshot"
+    snapshots(path, engine).close()
+    return path
+
+
+def test_what_was_known_is_known_again(tmp_path: Path) -> None:
+    engine, other = driven(), Engine(CONFIG)
+    path = saved(tmp_path, engine)
+    assert snapshots(path, other).load() == 70
+    before, after = engine.snapshot(), other.snapshot()
+    assert before.ids == after.ids
+    assert all(repr(before.tables[name].tolist()) == repr(after.tables[name].tolist()) for name in before.tables)
+    assert (before.events, before.link_events, before.misses) == (after.events, after.link_events, after.misses)
+    assert (len(after.events), len(after.misses)) == (1, 1)
+
+
+def test_without_a_file_nothing_is_known_and_nothing_said(tmp_path: Path) -> None:
+    with capture_logs() as logs:
+        assert snapshots(tmp_path / "absent", Engine(CONFIG)).load() == 0
+    assert logs == []
+
+
+@pytest.mark.parametrize(
+    ("other", "reason"),
+    [
+        (replace(IDENTITY, site="elsewhere"), "made with another site"),
+        (replace(IDENTITY, parameters=parameters(replace(CONFIG, delay_s=1.0), "1", "abc")), "another delay_s"),
+        (replace(IDENTITY, parameters=parameters(CONFIG, "2", "def")), "another core, version"),
+    ],
+)
+def test_one_of_another_make_is_passed_over(tmp_path: Path, other: Identity, reason: str) -> None:
+    path, engine = saved(tmp_path, driven()), Engine(CONFIG)
+    with capture_logs() as logs:
+        assert snapshots(path, engine, other).load() == 0
+    [entry] = logs
+    assert reason in entry["reason"]
+    assert engine.vehicles == 0
+
+
+def test_a_damaged_one_is_passed_over(tmp_path: Path) -> None:
+    path, engine = saved(tmp_path, driven()), Engine(CONFIG)
+    whole = path.read_bytes()
+    for damaged in (whole[:-1], whole[:40] + b"!" + whole[41:], b"\n", b""):
+        path.write_bytes(damaged)
+        with capture_logs() as logs:
+            assert snapshots(path, engine).load() == 0
+        assert [entry["reason"] for entry in logs] == ["damaged"]
+
+
+def test_every_interval_one_is_taken_a_slice_in_each_turn(tmp_path: Path) -> None:
+    path = tmp_path / "s-i.snapshot"
+    engine, sizes = driven(), []
+    take = engine.snapshot
+    keeping = snapshots(path, engine)
+
+    def taken(stride: int = 1, phase: int = 0):
+        part = take(stride, phase)
+        sizes.append(len(part.ids))
+        return part
+
+    engine.snapshot = taken
+    for ms in range(60_000):
+        keeping.turn(ms * 1_000_000)
+        while keeping._outbox.waiting:
+            time.sleep(1e-4)
+        if len(sizes) == 2 * 64:
+            break
+    assert 20_000 <= ms <= 21_000
+    assert max(sizes) == 2
+    engine.snapshot = take
+    keeping.close()
+    assert keeping.written == 3
+    other = Engine(CONFIG)
+    assert snapshots(path, other).load() == 70
+    assert sorted(other.states().followers) == sorted(engine.states().followers)
+
+
+def test_no_slice_is_copied_before_the_last_is_taken_to_be_written(tmp_path: Path) -> None:
+    keeping, slow = snapshots(tmp_path / "s-i.snapshot", driven()), threading.Event()
+    keeping._outbox.put(slow.wait)
+    for ms in range(10_000, 11_000):
+        keeping.turn(ms * 1_000_000)
+    assert keeping._outbox.waiting <= 1
+    slow.set()
+    keeping.close()
+    assert keeping.written == 1
+
+
+def test_a_failure_is_counted_told_and_over_when_the_disk_is_back(tmp_path: Path) -> None:
+    blocked = tmp_path / "state"
+    blocked.write_text("no folder")
+    keeping = snapshots(blocked / "s-i.snapshot", driven())
+    with capture_logs() as logs:
+        for ms in range(12_000):
+            keeping.turn(ms * 1_000_000)
+        keeping.close()
+    assert keeping.failed >= 1
+    assert keeping.trouble is not None
+    assert [entry["log_level"] for entry in logs] == ["error"]

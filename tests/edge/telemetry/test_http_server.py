@@ -1,0 +1,64 @@
+"""The probes: 200 when nothing is wrong, 503 with its words when something is."""
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from headway.edge.telemetry.http_server import HttpServer
+
+
+class Patient:
+    ailment: str | None = None
+    hindrance: str | None = "kernels are being compiled"
+
+
+@pytest.fixture
+def patient() -> Patient:
+    return Patient()
+
+
+@pytest.fixture
+def url(patient: Patient) -> Iterator[str]:
+    with HttpServer(
+        "127.0.0.1",
+        0,
+        metrics=lambda: b"headway_ready 0\n",
+        content_type="text/plain; version=0.0.4",
+        ailment=lambda: patient.ailment,
+        hindrance=lambda: patient.hindrance,
+    ) as server:
+        yield f"http://127.0.0.1:{server.port}"
+
+
+def test_probes_tell_what_is_wrong_until_it_is_not(url: str, patient: Patient) -> None:
+    assert (httpx.get(f"{url}/livez").status_code, httpx.get(f"{url}/livez").text) == (200, "ok\n")
+    starting = httpx.get(f"{url}/readyz")
+    assert (starting.status_code, starting.text) == (503, "kernels are being compiled\n")
+    patient.hindrance = None
+    patient.ailment = "the loop has not turned for 3.0 s"
+    assert httpx.get(f"{url}/readyz").status_code == 200
+    assert httpx.get(f"{url}/livez").status_code == 503
+
+
+def test_metrics_have_their_content_type(url: str) -> None:
+    answer = httpx.get(f"{url}/metrics")
+    assert (answer.text, answer.headers["content-type"]) == ("headway_ready 0\n", "text/plain; version=0.0.4")
+
+
+def test_another_page_is_not_found(url: str) -> None:
+    assert httpx.get(f"{url}/").status_code == 404
+
+
+def test_the_address_is_given_back() -> None:
+    def server(port: int) -> HttpServer:
+        return HttpServer(
+            "127.0.0.1", port, metrics=bytes, content_type="", ailment=lambda: None, hindrance=lambda: None
+        )
+
+    with server(0) as first:
+        port = first.port
+        with pytest.raises(OSError):
+            server(port)
+    with server(port) as again:
+        assert again.port == port

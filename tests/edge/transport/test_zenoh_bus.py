@@ -1,0 +1,239 @@
+"""The bus over real zenoh on loopback: what senders put arrives stamped, what is told reaches who listens."""
+
+import threading
+from collections.abc import Iterator
+from dataclasses import replace
+
+import pytest
+import zenoh
+from edge.codec.messages import KEYS
+from sim.loopback import free_endpoint, session
+from sim.until import until
+
+from headway.edge.clock import SystemClock
+from headway.edge.transport.message import Arrival
+from headway.edge.transport.ports import Channel
+from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.zenoh_bus import BusConfig, BusError, ZenohBus
+from headway_schemas.encodings import BSM_MSGPACK, EVENT_JSON, PAIR_STATE_JSON
+
+BLOCK = zenoh.CongestionControl.BLOCK
+
+
+def config(**changes) -> BusConfig:
+    fields = {
+        "instance": "i",
+        "mode": "peer",
+        "connect": (),
+        "listen": (free_endpoint(),),
+        "options": None,
+        "connect_timeout_s": 0.2,
+        "block_timeout_s": 5.0,
+        "alert_limit": 100,
+    }
+    return BusConfig(**(fields | changes))
+
+
+def go_on(seconds: float) -> bool:
+    return not threading.Event().wait(min(seconds, 0.05))
+
+
+def bus_of(settings: BusConfig) -> ZenohBus:
+    return ZenohBus(settings, KEYS, SystemClock(), Inbox(10_000, 1 << 24, 10**12, len))
+
+
+@pytest.fixture
+def settings() -> BusConfig:
+    return config()
+
+
+@pytest.fixture
+def bus(settings: BusConfig) -> Iterator[ZenohBus]:
+    bus = bus_of(settings)
+    assert bus.open(go_on)
+    yield bus
+    bus.close()
+
+
+@pytest.fixture
+def other(bus: ZenohBus, settings: BusConfig) -> Iterator[zenoh.Session]:
+    session_of_other = session("client", connect=settings.listen)
+    until(lambda: bus.transports == 1)
+    yield session_of_other
+    session_of_other.close()
+
+
+def drained(bus: ZenohBus, count: int) -> list[Arrival]:
+    taken: list[Arrival] = []
+
+    def enough() -> bool:
+        taken.extend(bus.drain(10_000, 1 << 24, 0))
+        return len(taken) >= count
+
+    until(enough)
+    return taken
+
+
+def test_what_a_sender_puts_arrives_whole_and_stamped(bus: ZenohBus, other: zenoh.Session) -> None:
+    clock = SystemClock()
+    bus.drain(1, 1 << 24, 0)
+    before_us, before_ns = clock.wall_us(), clock.monotonic_ns()
+    bus.drain(1, 1 << 24, 0)
+    other.put(KEYS.bsm("a"), b"\x01\x02", encoding=BSM_MSGPACK, congestion_control=BLOCK)
+    [arrival] = drained(bus, 1)
+    assert (arrival.key, arrival.payload, arrival.encoding, arrival.is_put) == (
+        KEYS.bsm("a"), b"\x01\x02", BSM_MSGPACK, True,
+    )  # fmt: skip
+    assert before_us <= arrival.received_us <= clock.wall_us()
+    assert before_ns <= arrival.received_ns <= clock.monotonic_ns()
+
+
+def test_wildcards_and_deletes_are_passed_on_for_the_codec_to_name(bus: ZenohBus, other: zenoh.Session) -> None:
+    other.put(f"{KEYS.prefix}/{KEYS.site}/bsm/*", b"x", congestion_control=BLOCK)
+    other.delete(KEYS.bsm("a"), congestion_control=BLOCK)
+    wild, deleted = drained(bus, 2)
+    assert (wild.key[-1], wild.is_put) == ("*", True)
+    assert (deleted.key, deleted.is_put) == (KEYS.bsm("a"), False)
+
+
+def test_none_of_many_messages_is_lost_and_each_is_counted(bus: ZenohBus, other: zenoh.Session) -> None:
+    for n in range(5_000):
+        other.put(KEYS.bsm("a"), n.to_bytes(4, "big"), congestion_control=BLOCK)
+    assert [int.from_bytes(arrival.payload, "big") for arrival in drained(bus, 5_000)] == list(range(5_000))
+    assert (bus.received, bus.waiting, bus.shed) == (5_000, 0, 0)
+
+
+def test_an_alert_reaches_its_subscribers_with_its_encoding(bus: ZenohBus, other: zenoh.Session) -> None:
+    got: list[zenoh.Sample] = []
+    other.declare_subscriber(KEYS.every_alert, got.append)
+
+    def told() -> bool:
+        bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), b"{}")
+        return bool(got)
+
+    until(told)
+    assert (str(got[0].key_expr), str(got[0].encoding)) == (KEYS.alert("bias", "a"), EVENT_JSON)
+    assert got[0].priority == zenoh.Priority.INTERACTIVE_HIGH
+    assert got[0].congestion_control == BLOCK
+
+
+def test_a_channel_is_wanted_while_somebody_listens(bus: ZenohBus, other: zenoh.Session) -> None:
+    assert not bus.wanted(Channel.STATE)
+    subscriber = other.declare_subscriber(KEYS.pair_state("a"), lambda _: None)
+    until(lambda: bus.wanted(Channel.STATE))
+    assert not bus.wanted(Channel.REJECTED)
+    subscriber.undeclare()
+    until(lambda: not bus.wanted(Channel.STATE))
+    assert bus.wanted(Channel.ALERT)
+
+
+def test_a_question_is_kept_until_the_loop_answers_it(bus: ZenohBus, other: zenoh.Session) -> None:
+    replies = other.get(f"{KEYS.pairs}?site=s;kind=bias", timeout=20.0)
+    asked = []
+    until(lambda: asked.append(bus.next_query()) or asked[-1])
+    assert (asked[-1].key, asked[-1].parameters) == (KEYS.pairs, {"site": "s", "kind": "bias"})
+    asked[-1].answer(b"[]", PAIR_STATE_JSON)
+    [reply] = list(replies)
+    assert (reply.ok.payload.to_bytes(), str(reply.ok.encoding)) == (b"[]", PAIR_STATE_JSON)
+
+
+def test_a_stalled_subscriber_holds_up_neither_who_publishes_nor_the_end_and_is_cut_off() -> None:
+    settings = config(block_timeout_s=0.5, alert_limit=10_000)
+    bus = bus_of(settings)
+    assert bus.open(go_on)
+    stalled = session("client", connect=settings.listen)
+    until(lambda: bus.transports == 1)
+    go, called = threading.Event(), threading.Event()
+
+    def stall(_sample: zenoh.Sample) -> None:
+        called.set()
+        go.wait(60.0)
+
+    stalled.declare_subscriber(KEYS.every_alert, stall)
+    payload = bytes(100_000)
+    until(lambda: bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload) or called.is_set())
+    for _ in range(2_000):
+        bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload)
+    until(lambda: bus.transports == 0)
+    bus.close()
+    assert bus.dropped["alert_queue_full"] == 0
+    go.set()
+    stalled.close()
+
+
+def test_the_instance_is_alive_until_it_signs_off(settings: BusConfig) -> None:
+    bus = bus_of(settings)
+    assert not bus.connected
+    bus.open(go_on)
+    watcher = session("client", connect=settings.listen)
+    seen: list[tuple[str, bool]] = []
+    watcher.liveliness().declare_subscriber(
+        KEYS.every_liveliness,
+        lambda sample: seen.append((str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)),
+        history=True,
+    )
+    until(lambda: seen == [(KEYS.liveliness("i"), True)])
+    bus.close()
+    until(lambda: seen[1:] == [(KEYS.liveliness("i"), False)])
+    watcher.close()
+
+
+def test_what_is_under_way_is_delivered_after_unsubscribing(bus: ZenohBus, other: zenoh.Session) -> None:
+    for _ in range(500):
+        other.put(KEYS.bsm("a"), b"x", congestion_control=BLOCK)
+    drained(bus, 1)
+    assert bus.subscribed
+    bus.unsubscribe()
+    assert not bus.subscribed
+    assert not bus.delivered
+    until(lambda: bus.drain(10_000, 1 << 24, 0) is None or bus.delivered)
+    received = bus.received
+    other.put(KEYS.bsm("a"), b"x", congestion_control=BLOCK)
+    assert (bus.drain(10_000, 1 << 24, 0), bus.received) == ([], received)
+
+
+def test_a_client_waits_for_its_router_and_notices_when_it_goes() -> None:
+    endpoint = free_endpoint()
+    bus = bus_of(config(mode="client", connect=(endpoint,), listen=()))
+    routers: list[zenoh.Session] = []
+
+    def router_comes_late(_seconds: float) -> bool:
+        routers.append(session("router", listen=(endpoint,)))
+        return True
+
+    assert bus.open(router_comes_late)
+    until(lambda: bus.connected)
+    routers.pop().close()
+    until(lambda: not bus.connected)
+    routers.append(session("router", listen=(endpoint,)))
+    until(lambda: bus.connected)
+    bus.close()
+    routers.pop().close()
+
+
+def test_a_client_gives_up_when_told_to() -> None:
+    bus = bus_of(config(mode="client", connect=(free_endpoint(),), listen=()))
+    assert not bus.open(lambda _: False)
+    bus.close()
+
+
+def test_an_address_that_is_taken_is_an_error_in_one_line(bus: ZenohBus, settings: BusConfig) -> None:
+    second = bus_of(settings)
+    with pytest.raises(BusError) as caught:
+        second.open(go_on)
+    assert "\n" not in str(caught.value)
+    second.close()
+
+
+def test_options_of_zenoh_decide_what_the_settings_leave_to_them() -> None:
+    endpoint = free_endpoint()
+    options = (
+        f'{{ mode: "peer", listen: {{ endpoints: ["{endpoint}"] }}, scouting: {{ multicast: {{ enabled: false }} }} }}'
+    )
+    settings = config(mode=None, connect=None, listen=None, options=options)
+    bus = bus_of(settings)
+    bus.open(go_on)
+    session("client", connect=(endpoint,)).close()
+    bus.close()
+    with pytest.raises(BusError, match="zenoh options"):
+        bus_of(replace(settings, options="{ moed: 1 }"))

@@ -1,0 +1,161 @@
+import time
+from collections.abc import Callable, Iterator
+
+import pytest
+import zenoh
+from standin import START_US, Service, Traffic, bus, event, free_port, health, service
+
+from headway.client import BusFeed, Heard
+from headway_schemas import Event, Health, PairState, Phase, RejectedCopy
+from headway_schemas.query import EVENTS, AlertsQuery
+
+
+@pytest.fixture
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+@pytest.fixture
+def feed(endpoint: str) -> Iterator[BusFeed]:
+    client = BusFeed([endpoint], ["local"], inbox_limit=200)
+    client.start()
+    yield client
+    client.close()
+
+
+def until(done: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 20
+    while not done():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def linked(running: Service, feed: BusFeed) -> None:
+    """Wait until what the service tells arrives."""
+
+    def arrives() -> bool:
+        running.tell(health(1.0, START_US))
+        return any(isinstance(heard.message, Health) for heard in feed.drain())
+
+    until(arrives)
+    list(feed.drain())
+
+
+def hear(feed: BusFeed, n: int) -> list[Heard]:
+    heard: list[Heard] = []
+
+    def enough() -> bool:
+        heard.extend(h for h in feed.drain() if not isinstance(h.message, Health))
+        return len(heard) >= n
+
+    until(enough)
+    return heard
+
+
+def test_what_the_service_tells_arrives_as_it_was(endpoint: str, feed: BusFeed) -> None:
+    states = list(Traffic(20).states(0.0, START_US))
+    copy = RejectedCopy.of(
+        reason="malformed", detail="not a map", key="v2x/local/bsm/a", sender="a", encoding="", payload=b"\xff",
+        received_us=START_US, payload_max=10,
+    )  # fmt: skip
+    with service(endpoint) as running:
+        linked(running, feed)
+        running.tell(event(1), *states)
+        running.session.put(running.keys.rejected("malformed"), copy.model_dump_json())
+        heard = hear(feed, 22)
+    assert {h.site for h in heard} == {"local"}
+    assert [h.message for h in heard if isinstance(h.message, Event)] == [event(1)]
+    assert [h.message for h in heard if isinstance(h.message, PairState)] == states
+    assert [h.message for h in heard if isinstance(h.message, RejectedCopy)] == [copy]
+
+
+def test_what_is_not_of_the_contract_is_counted(endpoint: str, feed: BusFeed) -> None:
+    with service(endpoint) as running:
+        linked(running, feed)
+        key = running.keys.alert("bias", "a")
+        running.session.put(key, b"{")
+        running.session.put(key, event(1, site="elsewhere").model_dump_json())
+        running.session.delete(key)
+        running.tell(event(1))
+        assert len(hear(feed, 1)) == 1
+    assert feed.link.unreadable == 2
+
+
+def test_an_inbox_keeps_the_newest_and_counts_the_rest(endpoint: str, feed: BusFeed) -> None:
+    with service(endpoint) as running:
+        linked(running, feed)
+        for n in range(3):
+            running.tell(*Traffic(100).states(0.0, START_US + n))
+        until(lambda: feed.link.dropped == 100)
+        heard = hear(feed, 200)
+    assert {h.message.t_us for h in heard if isinstance(h.message, PairState)} == {START_US + 1, START_US + 2}
+
+
+def test_the_link_comes_back_after_the_service(endpoint: str, feed: BusFeed) -> None:
+    assert not feed.link.connected
+    for connections in (1, 2):
+        with service(endpoint) as running:
+            linked(running, feed)
+            until(lambda: feed.link.connected)
+            assert feed.link.connections == connections
+        until(lambda: not feed.link.connected)
+
+
+def test_history_is_paged_without_a_gap(endpoint: str, feed: BusFeed) -> None:
+    journal = [event(n, t_us=START_US + n // 3) for n in range(10)]
+    told: list[Event] = []
+    with service(endpoint, journal) as running:
+        linked(running, feed)
+        before_us = None
+        while page := feed.history(["local"], AlertsQuery(limit=2, before_us=before_us)).events:
+            told += page
+            before_us = page[-1].detected_us
+    assert len(told) == 10
+    assert {e.event_id for e in told} == {e.event_id for e in journal}
+    assert told[0].evidence is None
+
+
+def test_two_journals_are_merged(endpoint: str, feed: BusFeed) -> None:
+    first = [event(1), event(2, t_us=START_US + 2)]
+    second = [event(1), event(3, t_us=START_US + 1)]
+    with service(endpoint, first) as running, bus("client", connect=endpoint) as other:
+        held = other.declare_queryable(running.keys.alerts, Service(other, running.keys, second).answer)
+        linked(running, feed)
+        until(lambda: feed.history(["local"], AlertsQuery()).answers == 2)
+        found = feed.history(["local"], AlertsQuery(evidence=True))
+        held.undeclare()
+    assert [e.event_id for e in found.events] == ["veh-0002-2", "veh-0003-3", "veh-0001-1"]
+    assert found.events[0].evidence is not None
+
+
+def test_one_event_with_every_phase(endpoint: str, feed: BusFeed) -> None:
+    journal = [event(1), event(2), event(1, Phase.CLEARED, t_us=START_US + 9)]
+    with service(endpoint, journal) as running:
+        linked(running, feed)
+        found = feed.history(["local"], AlertsQuery(event="veh-0001-1")).events
+    assert [e.phase for e in found] == [Phase.CLEARED, Phase.ONSET]
+
+
+def test_a_refusal_and_nonsense_are_told_apart_from_nothing(endpoint: str, feed: BusFeed) -> None:
+    def refuse(query: zenoh.Query) -> None:
+        with query:
+            query.reply_err(b"limit: too much")
+
+    def babble(query: zenoh.Query) -> None:
+        with query:
+            query.reply("v2x/local/alerts", b"[1]")
+
+    assert feed.history(["local"], AlertsQuery()).answers == 0
+    for answer, problem in ((refuse, "limit: too much"), (babble, "1 validation error")):
+        with service(endpoint) as running, bus("client", connect=endpoint) as other:
+            held = other.declare_queryable(running.keys.alerts, answer)
+            linked(running, feed)
+            until(lambda: bool(feed.history(["local"], AlertsQuery()).problems))
+            found = feed.history(["local"], AlertsQuery())
+            held.undeclare()
+        assert found.answers == 1
+        assert problem in found.problems[0]
+
+
+def test_the_reply_is_what_the_contract_reads() -> None:
+    assert EVENTS.validate_json(EVENTS.dump_json([event(1)])) == [event(1)]

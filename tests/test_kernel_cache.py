@@ -1,0 +1,77 @@
+"""Processes that start together compile one after the other."""
+
+import shutil
+import threading
+from pathlib import Path
+
+import pytest
+
+from headway import kernel_cache
+
+SOON_S, NEVER_S = 10.0, 0.2
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    folder = tmp_path / "not" / "yet"
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder))
+    return folder
+
+
+def test_a_second_waits_until_the_first_has_compiled(folder) -> None:
+    entered = threading.Event()
+
+    def second() -> None:
+        with kernel_cache.alone():
+            entered.set()
+
+    waiting = threading.Thread(target=second, daemon=True)
+    with kernel_cache.alone():
+        waiting.start()
+        assert not entered.wait(NEVER_S)
+    assert entered.wait(SOON_S)
+    waiting.join(SOON_S)
+
+
+def test_what_goes_wrong_inside_lets_the_next_one_in(folder) -> None:
+    with pytest.raises(RuntimeError), kernel_cache.alone():
+        raise RuntimeError
+    with kernel_cache.alone():
+        assert (folder / kernel_cache.LOCK).exists()
+
+
+def test_kernels_are_counted_wherever_they_lie(folder) -> None:
+    assert kernel_cache.kept() == 0
+    (folder / "core").mkdir(parents=True)
+    for name in ("one.1.nbc", "one.2.nbc", "one.nbi"):
+        (folder / "core" / name).touch()
+    assert kernel_cache.kept() == 2
+
+
+def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path, monkeypatch) -> None:
+    (tmp_path / "file").write_bytes(b"")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "kernels"))
+    ran = False
+    with kernel_cache.alone():
+        ran = True
+    assert ran
+
+
+def test_touching_any_file_below_core_changes_the_digests(tmp_path) -> None:
+    package = tmp_path / "headway"
+    here = Path(kernel_cache.__file__).parent
+    for part in ("core", "edge/codec"):
+        shutil.copytree(here / part, package / part, ignore=shutil.ignore_patterns("__pycache__"))
+    assert kernel_cache.core_digest(package) == kernel_cache.core_digest()
+    for source in sorted((package / "core").rglob("*.py")):
+        before = kernel_cache.core_digest(package), kernel_cache.kernels_digest(package)
+        source.write_bytes(source.read_bytes() + b"# touched\n")
+        after = kernel_cache.core_digest(package), kernel_cache.kernels_digest(package)
+        assert before[0] != after[0]
+        assert before[1] != after[1]
+
+
+def test_every_module_with_a_kernel_is_in_the_digest() -> None:
+    here = Path(kernel_cache.__file__).parent
+    with_kernels = {p.relative_to(here) for p in here.rglob("*.py") if "@njit" in p.read_text(encoding="utf-8")}
+    assert {p for p in with_kernels if p.parts[0] != "core"} == {Path("edge/codec/msgpack_columns.py")}
