@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: help venv demo test check bench soak performance browser format clean
+.PHONY: help venv demo test check bench soak faults performance browser format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -19,7 +19,7 @@ demo: venv  ## service and replay in one go, no router needed
 	$(BIN)/headway demo
 
 test: venv  ## the whole suite
-	$(BIN)/python -m pytest -m 'not bench and not browser'
+	$(BIN)/python -m pytest -m 'not bench and not browser and not faults'
 
 check: venv  ## lint, format, types, import contracts, deployment (Debian: apt-get install prometheus)
 	@command -v promtool >/dev/null || { echo 'make check needs promtool: apt-get install prometheus'; exit 1; }
@@ -38,6 +38,9 @@ bench: venv  ## timing, side by side (pytest-benchmark)
 
 soak: venv  ## ten minutes of rotating identifiers: memory must stay flat
 	$(BIN)/headway loadtest --vehicles 500 --seconds 600 --rotate-s 30 --json
+
+faults: venv  ## processes killed, stopped and flooded over real zenoh: half an hour
+	$(BIN)/python -m pytest tests/faults -m faults
 
 performance: venv  ## load tests from few to many vehicles, and their picture in out/
 	$(BIN)/python tests/bench/sweep.py out

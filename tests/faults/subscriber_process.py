@@ -1,0 +1,41 @@
+"""A subscriber of alerts in a process of its own: a JSON line for each, with when it came; may stop taking any."""
+
+import argparse
+import json
+import sys
+import threading
+import time
+
+import zenoh
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--endpoint", required=True)
+    parser.add_argument("--site", required=True)
+    parser.add_argument("--stall-after", type=int, default=None, help="alerts taken before it takes no more")
+    options = parser.parse_args()
+
+    config = zenoh.Config()
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", json.dumps([options.endpoint]))
+    config.insert_json5("scouting/multicast/enabled", "false")
+    count = 0
+
+    def take(sample: zenoh.Sample) -> None:
+        nonlocal count
+        count += 1
+        if options.stall_after is not None and count > options.stall_after:
+            threading.Event().wait()
+        alert = json.loads(sample.payload.to_bytes())
+        alert.pop("evidence", None)
+        print(json.dumps({"received_us": time.time_ns() // 1000, **alert}), flush=True)
+
+    session = zenoh.open(config)
+    session.declare_subscriber(f"v2x/{options.site}/alert/**", take)
+    print(json.dumps({"ready": True}), flush=True)
+    sys.stdin.read()  # until the parent closes it
+
+
+if __name__ == "__main__":
+    main()
