@@ -328,6 +328,25 @@ def pairs(
     raise typer.Exit(evaluate_pairs(paths, protocol, as_json=as_json, out=out))
 
 
+@evaluate_app.command()
+def field(
+    sources: Annotated[list[str], typer.Argument(help="Recordings (CSV, BSM JSON lines), or folders of them.")],
+    severity: Annotated[str, typer.Option(help="Variances of the injected faults, apart by commas.")] = "1,0.5,0.1",
+    runs: Annotated[int, typer.Option(min=1, max=100, help="Realisations of faults and noise.")] = 3,
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")] = 0,
+    budget: Annotated[float, typer.Option(help="False alarms per vehicle and hour.")] = 1.0,
+    jobs: Annotated[int | None, typer.Option(min=1, help="Processes; by default one for each core.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report and the JSON.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge recordings of real senders, clean and with injected faults, with the service's own engine."""
+    from headway_loadtest.evaluate.field.command import evaluate_field
+    from headway_loadtest.evaluate.field.experiment import FieldProtocol
+
+    protocol = FieldProtocol(severities=_numbers("--severity", severity), runs=runs, seed=seed, budget_per_hour=budget)
+    raise typer.Exit(evaluate_field(sources, protocol, as_json=as_json, out=out, processes=jobs))
+
+
 def _numbers(option: str, text: str) -> tuple[float, ...]:
     try:
         return tuple(float(word) for word in text.split(","))

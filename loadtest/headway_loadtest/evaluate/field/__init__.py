@@ -1,0 +1,1 @@
+"""Recordings of real senders and simulated traffic through the service's own engine: `headway evaluate field`."""

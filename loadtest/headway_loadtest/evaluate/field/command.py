@@ -1,0 +1,81 @@
+"""`headway evaluate field` without its command line: options in, tables out, an exit code back."""
+
+import json
+from collections.abc import Sequence
+from math import isfinite
+from os import cpu_count
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+from headway_loadtest.evaluate.field.experiment import FieldProtocol, run_field
+from headway_loadtest.evaluate.field.recordings import load
+from headway_loadtest.evaluate.field.report import markdown, print_report
+from headway_loadtest.sources.drive import SourceError
+
+BAD_INPUT = 2
+FILE_WIDTH = 200
+"""Columns of the report where standard output is not a terminal."""
+
+
+class OptionError(ValueError):
+    """An option that cannot be: one line that says what is wrong and what to write instead."""
+
+
+def evaluate_field(
+    sources: Sequence[str],
+    protocol: FieldProtocol,
+    *,
+    as_json: bool = False,
+    out: Path | None = None,
+    processes: int | None = None,
+) -> int:
+    """Run the protocol and print it; return the exit code: 0, or 2 for input that cannot be used."""
+    stderr = Console(stderr=True, soft_wrap=True, highlight=False)
+    try:
+        check(protocol, out)
+        result = _run(sources, protocol, processes or cpu_count() or 1, stderr)
+    except (SourceError, OptionError) as error:
+        stderr.print(f"headway evaluate field: {error}", markup=False)
+        return BAD_INPUT
+    if as_json:
+        print(json.dumps(result, allow_nan=False))  # noqa: T201 - standard output is the JSON
+    else:
+        console = Console()
+        if not console.is_terminal:
+            console.width = FILE_WIDTH
+        print_report(result, console)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "result.json").write_text(json.dumps(result, allow_nan=False, indent=1), encoding="utf-8")
+        (out / "report.md").write_text(markdown(result), encoding="utf-8")
+        stderr.print(f"report: {out / 'report.md'}", markup=False)
+    return 0
+
+
+def check(protocol: FieldProtocol, out: Path | None) -> None:
+    """Raise OptionError for options that the evaluation cannot be run with."""
+    if not protocol.severities or not all(isfinite(c) and c > 0.0 for c in protocol.severities):
+        raise OptionError("--severity takes variances above 0, such as 1,0.5,0.1")
+    if not protocol.budget_per_hour > 0.0:
+        raise OptionError(f"--budget is false alarms per hour, above 0, not {protocol.budget_per_hour:g}")
+    if out is not None and out.exists() and not out.is_dir():
+        raise OptionError(f"--out must be a folder, and {out} is a file")
+
+
+def _run(sources: Sequence[str], protocol: FieldProtocol, processes: int, stderr: Console) -> dict[str, Any]:
+    with stderr.status("reading"):
+        recordings = list(load(map(Path, sources), protocol.runs, protocol.seed))
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=stderr, transient=True) as bar:
+        task = bar.add_task("recordings", total=None)
+        rows = run_field(recordings, protocol, processes, lambda done, of: bar.update(task, completed=done, total=of))
+    return {
+        "budget_per_hour": protocol.budget_per_hour,
+        "runs": protocol.runs,
+        "seed": protocol.seed,
+        "rows": rows,
+        "attacks": [],
+    }
