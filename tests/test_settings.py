@@ -1,4 +1,4 @@
-"""Settings: one name for a knob everywhere, and nothing unknown or impossible gets past the start."""
+"""Settings: a setting has one name everywhere, and nothing unknown or impossible gets past the start."""
 
 import json
 import os
@@ -62,6 +62,17 @@ def test_an_unknown_name_in_the_environment_stops_the_start_with_the_nearest_rig
     monkeypatch.setenv("HEADWAY_VEHICLES_CAPACITY", "5")
     assert "unknown setting HEADWAY_VEHICLES_CAPACITY in the environment" in refusal()
     assert "did you mean HEADWAY_VEHICLE_CAPACITY?" in refusal()
+
+
+@pytest.mark.parametrize(("old", "new"), [("miss_after_s", "silence_timeout_s"), ("forget_after_s", "vehicle_ttl_s")])
+def test_a_name_of_an_earlier_version_is_refused_with_the_name_that_it_has_now(toml, old: str, new: str) -> None:
+    assert refusal(toml(f"{old} = 1\n")).endswith(f"did you mean {new}?")
+
+
+def test_a_number_of_the_detector_is_a_float_whatever_was_given() -> None:
+    config = DetectorConfig(max_gap_s=5, delay_s=1)
+    assert (type(config.max_gap_s), type(config.delay_s), type(config.vehicle_capacity)) == (float, float, int)
+    assert config == DetectorConfig(max_gap_s=5.0, delay_s=1.0)
 
 
 def test_a_name_like_no_other_is_refused_without_a_guess(monkeypatch) -> None:

@@ -66,7 +66,7 @@ class Stage(StrEnum):
     """From the reading's event time to its receipt: two clocks, so it may be negative."""
     QUEUE = "queue"
     DECODE = "decode"
-    JUDGE = "judge"
+    DETECT = "detect"
 
 
 class Innovation(Message):

@@ -1,4 +1,4 @@
-"""Every knob of the service: the sole reader of files and of the environment.
+"""All settings of the service: the sole reader of files and of the environment.
 
 A setting has one name: `delay_s` in the TOML file is `HEADWAY_DELAY_S` in the environment, which wins. An unknown name
 in either stops the start; nothing is ignored.
@@ -15,7 +15,7 @@ from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum, unique
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationError, model_validator
 from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
@@ -60,129 +60,122 @@ def _given(value: object) -> object:
     return None if value == "" else value
 
 
-_D = DetectorConfig()
 StateDir = Annotated[Path | None, BeforeValidator(_given)]
 Endpoints = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)]
 ModelName = Literal["ekf", "aekf", "headway"]
 
 
-def _knob(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
+def _setting(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:
     return Field(default, description=description, json_schema_extra={"unit": unit} if unit else None, **bounds)
 
 
+_DETECTOR: Final = {parameter.name: parameter for parameter in fields(DetectorConfig)}
+
+
+def _of_detector(name: str, unit: str = "", **bounds: Any) -> Any:
+    """Declare a parameter of the detector as a setting, with the default and the description that it has there."""
+    return _setting(_DETECTOR[name].default, _DETECTOR[name].metadata["description"], unit, **bounds)
+
+
 class Settings(BaseSettings):
-    """All settings, frozen. Detection first, then the bus, intake, what is told to others, and the process."""
+    """All settings, frozen. Detection first, then the bus, intake, what is published, and the process."""
 
     model_config = SettingsConfigDict(env_prefix=ENV_PREFIX, frozen=True, extra="forbid", validate_default=True)
 
-    model: ModelName = _knob(_D.model, "Motion model that says what a reading should be.")
-    delay_s: float = _knob(
-        _D.delay_s, "Age at which the leader's action reaches the follower's response (tau).", "s", ge=0, le=5
-    )
-    delay_jitter_s: float = _knob(
-        _D.delay_jitter_s, "Standard deviation of that delay; only `ekf` and `aekf` use it.", "s", ge=0, le=5
-    )
-    alarm_budget_per_hour: float = _knob(
-        _D.alarm_budget_per_hour,
-        "False alarms accepted on clean traffic, per vehicle and hour.",
-        "1/h",
-        gt=0,
-        le=3600,
-    )
-    vehicle_capacity: int = _knob(
-        _D.vehicle_capacity, "Vehicles known at once; a further one is refused as table_full.", ge=1, le=1_000_000
-    )
-    forget_after_s: float = _knob(_D.forget_after_s, "Silence after which a vehicle is forgotten.", "s", gt=0, le=3600)
-    max_age_s: float = _knob(
-        _D.max_age_s, "Event time this far behind the receipt is refused as too_old.", "s", gt=0, le=3600
-    )
-    max_ahead_s: float = _knob(
-        _D.max_ahead_s, "Event time this far ahead of the receipt is refused as from_the_future.", "s", gt=0, le=3600
-    )
-    max_gap_s: float = _knob(_D.max_gap_s, "Silence after which a vehicle's filter starts anew.", "s", gt=0, le=60)
-    warming_readings: int = _knob(
-        _D.warming_readings, "Readings of a vehicle before its verdicts count.", ge=1, le=10_000
-    )
-    miss_after_s: float = _knob(
-        _D.miss_after_s, "Silence that never counts as a miss (SAE J2945/1 allows 0.6 s).", "s", ge=0.6, le=60
-    )
-    lane_width_m: float = _knob(
-        _D.lane_width_m, "Half of it to either side of a vehicle's path is where its leader may be.", "m", gt=0, le=20
-    )
-    pairing_range_m: float = _knob(_D.pairing_range_m, "How far ahead a leader is looked for.", "m", gt=0, le=1000)
-    evidence_readings: int = _knob(
-        _D.evidence_readings,
-        "Readings kept of each vehicle to replay a verdict from, an even number.",
-        ge=2,
-        le=1000,
-        multiple_of=2,
-    )
+    model: ModelName = _of_detector("model")
+    delay_s: float = _of_detector("delay_s", "s", ge=0, le=5)
+    delay_jitter_s: float = _of_detector("delay_jitter_s", "s", ge=0, le=5)
+    alarm_budget_per_hour: float = _of_detector("alarm_budget_per_hour", "1/h", gt=0, le=3600)
+    vehicle_capacity: int = _of_detector("vehicle_capacity", ge=1, le=1_000_000)
+    vehicle_ttl_s: float = _of_detector("vehicle_ttl_s", "s", gt=0, le=3600)
+    max_age_s: float = _of_detector("max_age_s", "s", gt=0, le=3600)
+    max_ahead_s: float = _of_detector("max_ahead_s", "s", gt=0, le=3600)
+    max_gap_s: float = _of_detector("max_gap_s", "s", gt=0, le=60)
+    warming_readings: int = _of_detector("warming_readings", ge=1, le=10_000)
+    silence_timeout_s: float = _of_detector("silence_timeout_s", "s", ge=0.6, le=60)
+    lane_width_m: float = _of_detector("lane_width_m", "m", gt=0, le=20)
+    pairing_range_m: float = _of_detector("pairing_range_m", "m", gt=0, le=1000)
+    evidence_readings: int = _of_detector("evidence_readings", ge=2, le=1000, multiple_of=2)
 
-    site: str = _knob(
+    site: str = _setting(
         "local", "Coverage of one roadside unit; a chunk of every key.", "", pattern=f"^(?:{ID_PATTERN})$"
     )
-    prefix: str = _knob("v2x", "First chunks of every key.", "", pattern=f"^{ID_PATTERN}(?:/{ID_PATTERN})*$")
-    instance: str = _knob(
+    prefix: str = _setting("v2x", "First chunks of every key.", "", pattern=f"^{ID_PATTERN}(?:/{ID_PATTERN})*$")
+    instance: str = _setting(
         sanitise_id(socket.gethostname()),
-        "Name of this process among those of the site; by default the host's.",
+        "Id of this process, unique within the site; by default the name of the host.",
         "",
         pattern=f"^(?:{ID_PATTERN})$",
     )
-    mode: Literal["client", "peer", "router"] = _knob(
-        "peer", "client joins a router; peer lets clients come; router also passes on between them."
+    mode: Literal["client", "peer", "router"] = _setting(
+        "peer", "`client` joins a router, `peer` accepts clients, `router` also forwards between them."
     )
-    connect: Endpoints = _knob((), "zenoh endpoints to reach, such as tcp/10.0.0.1:7447.")
-    listen: Endpoints = _knob(("tcp/127.0.0.1:7447",), "zenoh endpoints to listen on; a client does not listen.")
-    zenoh_config: Path | None = _knob(
+    connect: Endpoints = _setting((), "zenoh endpoints to connect to, such as tcp/10.0.0.1:7447.")
+    listen: Endpoints = _setting(("tcp/127.0.0.1:7447",), "zenoh endpoints to listen on; a client does not listen.")
+    zenoh_config: Path | None = _setting(
         None, "JSON5 file of zenoh's own options (TLS, access control); mode and endpoints set here win over it."
     )
-    connect_timeout_s: float = _knob(3.0, "One attempt to reach a router; attempts repeat.", "s", gt=0, le=60)
-    block_timeout_s: float = _knob(10.0, "A subscriber that takes no alert for so long is cut off.", "s", gt=0, le=600)
-
-    batch_limit: int = _knob(2_000, "Messages taken in one turn at most.", ge=1, le=100_000)
-    batch_bytes_limit: int = _knob(256 << 10, "Bytes taken in one turn at most.", "B", ge=1024, le=1 << 28)
-    queue_limit: int = _knob(50_000, "Messages waiting at most; beyond it the stalest is shed.", ge=1, le=10_000_000)
-    queue_bytes_limit: int = _knob(
-        64 << 20, "Bytes waiting at most; beyond it the stalest is shed.", "B", ge=1 << 16, le=1 << 34
-    )
-    queue_age_limit_s: float = _knob(1.0, "A message that waited longer is shed as stale.", "s", ge=0.1, le=60)
-    payload_bytes_limit: int = _knob(
-        64 << 10, "A larger payload is refused as payload_too_large.", "B", ge=64, le=1 << 26
-    )
-    bundle_limit: int = _knob(512, "A bundle of more records is refused as bundle_too_large.", ge=1, le=65_536)
-    idle_sleep_s: float = _knob(
-        0.001, "Longest rest between turns, in which a batch gathers; the larger, the less CPU.", "s", gt=0, le=0.1
+    connect_timeout_s: float = _setting(3.0, "Longest attempt to reach a router; attempts repeat.", "s", gt=0, le=60)
+    block_timeout_s: float = _setting(
+        10.0, "A subscriber that takes no alert for this long is disconnected.", "s", gt=0, le=600
     )
 
-    state_rate_hz: float = _knob(1.0, "States of each vehicle told per second; 0 tells none.", "Hz", ge=0, le=10)
-    state_budget_hz: float = _knob(
-        1_000.0, "States told per second at most; beyond it each vehicle's turn comes later.", "Hz", gt=0, le=100_000
+    batch_limit: int = _setting(2_000, "Most messages of one loop iteration.", ge=1, le=100_000)
+    batch_bytes_limit: int = _setting(256 << 10, "Most bytes of one loop iteration.", "B", ge=1024, le=1 << 28)
+    queue_limit: int = _setting(50_000, "Most messages that wait; beyond it the oldest is shed.", ge=1, le=10_000_000)
+    queue_bytes_limit: int = _setting(
+        64 << 20, "Most bytes that wait; beyond it the oldest message is shed.", "B", ge=1 << 16, le=1 << 34
     )
-    rejected_rate_hz: float = _knob(10.0, "Copies of rejected messages told per reason and second.", "Hz", ge=0, le=1e4)
-    rejected_bytes_limit: int = _knob(1024, "Payload kept in the copy of a rejected message.", "B", ge=0, le=1 << 16)
-    health_interval_s: float = _knob(1.0, "Time between two reports of own health.", "s", ge=0.1, le=60)
-    alert_queue_limit: int = _knob(
-        10_000, "Alerts waiting for a slow bus at most; then the oldest is dropped, and counted.", ge=1, le=1_000_000
+    queue_age_limit_s: float = _setting(1.0, "A message that waited longer is shed as `stale`.", "s", ge=0.1, le=60)
+    payload_bytes_limit: int = _setting(
+        64 << 10, "A larger payload is rejected as `payload_too_large`.", "B", ge=64, le=1 << 26
+    )
+    bundle_limit: int = _setting(512, "A bundle of more records is rejected as `bundle_too_large`.", ge=1, le=65_536)
+    idle_sleep_s: float = _setting(
+        0.001,
+        "Longest pause between loop iterations, in which a batch gathers; a longer pause costs less CPU.",
+        "s",
+        gt=0,
+        le=0.1,
+    )
+
+    state_rate_hz: float = _setting(
+        1.0, "States published of each vehicle per second; 0 publishes none.", "Hz", ge=0, le=10
+    )
+    state_budget_hz: float = _setting(
+        1_000.0, "Most states published per second; beyond it each vehicle waits longer.", "Hz", gt=0, le=100_000
+    )
+    rejected_rate_hz: float = _setting(
+        10.0, "Copies of rejected messages published per reason and second.", "Hz", ge=0, le=1e4
+    )
+    rejected_bytes_limit: int = _setting(
+        1024, "Most bytes of payload in the copy of a rejected message.", "B", ge=0, le=1 << 16
+    )
+    health_interval_s: float = _setting(1.0, "Time between two health reports.", "s", ge=0.1, le=60)
+    alert_queue_limit: int = _setting(
+        10_000, "Most alerts that wait for a slow bus; beyond it the oldest is dropped and counted.", ge=1, le=1_000_000
     )
 
     state_dir: StateDir = Field(
         default_factory=_state_dir,
-        description="Folder of the journal and the snapshot; empty keeps nothing. By default $STATE_DIRECTORY, which"
+        description="Folder of the journal and the snapshot; empty stores nothing. By default $STATE_DIRECTORY, which"
         " systemd sets, or headway in $XDG_STATE_HOME or ~/.local/state.",
     )
-    journal_days: float = _knob(30.0, "Statements older than this are taken out of the journal.", "d", gt=0, le=3650)
-    journal_mb: float = _knob(
-        1_000.0, "Beyond it the oldest statements are taken out of the journal.", "MB", ge=1, le=1e6
+    journal_days: float = _setting(
+        30.0, "Event updates older than this are deleted from the journal.", "d", gt=0, le=3650
     )
-    snapshot_interval_s: float = _knob(
-        30.0, "Time between two snapshots of the detector; one more is taken at the end.", "s", ge=1, le=3600
+    journal_mb: float = _setting(
+        1_000.0, "Largest journal; beyond it the oldest event updates are deleted.", "MB", ge=1, le=1e6
+    )
+    snapshot_interval_s: float = _setting(
+        30.0, "Time between two snapshots of the detector; one more follows at the end.", "s", ge=1, le=3600
     )
 
-    http_host: str = _knob("127.0.0.1", "Address of /metrics, /livez and /readyz.")
-    http_port: int = _knob(9464, "Port of them; 0 takes a free one.", ge=0, le=65_535)
-    log_level: Literal["debug", "info", "warning", "error"] = _knob("info", "Least severity logged.")
-    log_format: Literal["json", "console"] = _knob("json", "One JSON object a line, or lines for people.")
-    stop_timeout_s: float = _knob(10.0, "Time to judge what is queued after SIGTERM.", "s", gt=0, le=600)
+    http_host: str = _setting("127.0.0.1", "Address of /metrics, /livez and /readyz.")
+    http_port: int = _setting(9464, "Port of these pages; 0 takes a free one.", ge=0, le=65_535)
+    log_level: Literal["debug", "info", "warning", "error"] = _setting("info", "Least severity logged.")
+    log_format: Literal["json", "console"] = _setting("json", "One JSON object a line, or lines for people.")
+    stop_timeout_s: float = _setting(10.0, "Longest time after SIGTERM to process what is queued.", "s", gt=0, le=600)
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:
@@ -238,7 +231,7 @@ def load(file: Path | None = None) -> Loaded:
     try:
         return Loaded(Settings(**in_file), origins)
     except ValidationError as error:
-        raise SettingsError("; ".join(_told(problem, origins) for problem in error.errors())) from None
+        raise SettingsError("; ".join(_describe(problem, origins) for problem in error.errors())) from None
 
 
 def _read(file: Path) -> dict[str, Any]:
@@ -260,15 +253,21 @@ def _origin(name: str, in_file: Container[str], in_environment: Container[str]) 
     return Origin.FILE if name in in_file else Origin.DEFAULT
 
 
+_RENAMED: Final = {"miss_after_s": "silence_timeout_s", "forget_after_s": "vehicle_ttl_s"}
+"""Names of earlier versions, which no spelling leads to the new ones."""
+
+
 def _refuse_unknown(names: Iterable[str], place: str, spell: Callable[[str], str]) -> None:
     for name in sorted(names):
         if name not in Settings.model_fields:
-            nearest = difflib.get_close_matches(name, Settings.model_fields, n=1)
+            nearest = (
+                [_RENAMED[name]] if name in _RENAMED else difflib.get_close_matches(name, Settings.model_fields, n=1)
+            )
             hint = f"did you mean {spell(nearest[0])}?" if nearest else "`headway config show` lists the names"
             raise SettingsError(f"unknown setting {spell(name)} {place}: {hint}")
 
 
-def _told(problem: Any, origins: Mapping[str, Origin]) -> str:
+def _describe(problem: Any, origins: Mapping[str, Origin]) -> str:
     message = problem["msg"].removeprefix("Value error, ")
     if not problem["loc"]:
         return str(message)

@@ -111,7 +111,7 @@ def test_records_of_one_vehicle_in_one_batch_are_taken_by_event_time() -> None:
 
 
 def test_a_full_table_refuses_the_next_and_takes_it_when_others_are_forgotten() -> None:
-    engine = Engine(replace(CONFIG, vehicle_capacity=2, forget_after_s=5.0))
+    engine = Engine(replace(CONFIG, vehicle_capacity=2, vehicle_ttl_s=5.0))
     turn = engine.step(batch(["a", "b", "c"], [0, 50, 90], [9] * 3, [START_US] * 3), START_US)
     assert sorted(labels(turn)) == ["table_full", "warming", "warming"]
     later = START_US + 6_000_000

@@ -86,7 +86,7 @@ def test_whoever_falls_silent_after_the_restart_is_missed() -> None:
 def test_who_was_silent_for_too_long_is_not_known_again() -> None:
     platoon = Platoon(3)
     engine = driven(60, platoon)
-    late = platoon.t_us + LATENCY_US + int(CONFIG.forget_after_s * 1e6)
+    late = platoon.t_us + LATENCY_US + int(CONFIG.vehicle_ttl_s * 1e6)
     assert restored(engine, late).vehicles == 0
     assert restored(engine, late - 200_000).vehicles == 3
 

@@ -49,7 +49,7 @@ def test_history_survives_a_restart_and_vehicles_are_known_again(started, tmp_pa
     car.declare_subscriber(
         KEYS.every_alert, lambda sample: heard.append(Event.model_validate_json(sample.payload.to_bytes()))
     )
-    until(lambda: service.metric("headway_transports").get("") == 1)
+    until(lambda: service.metric("headway_peers").get("") == 1)
     drive(car, readings=60, lie_from=40)
     until(lambda: heard)
     late = session("client", connect=(service.endpoint,))

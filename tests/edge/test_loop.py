@@ -51,7 +51,7 @@ def test_an_event_goes_to_its_alert_topic_with_the_way_it_took() -> None:
     assert (told.phase, told.kind, told.sensor, told.site, told.config_hash) == (
         "onset", "bias", "location", "s", "c0ffee",
     )  # fmt: skip
-    assert told.latency_us == {"wire": -493, "queue": 500, "decode": 0, "judge": 0}
+    assert told.latency_us == {"wire": -493, "queue": 500, "decode": 0, "detect": 0}
     assert told.recovered.v_std_mps is None
     assert (told.evidence.columns[0], told.evidence.columns[-1]) == ("t_s", "leader_row")
     assert [len(reading) for reading in told.evidence.readings] == [len(told.evidence.columns)] * 3

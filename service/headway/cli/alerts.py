@@ -27,7 +27,7 @@ Writer = Callable[[Iterable[bytes], IO[bytes]], int]
 """Writes the JSON of statements in its own format; returns how many."""
 
 _PARTS: Final = {"innovation": ("x_m", "v_mps"), "recovered": ("x_m", "v_mps", "x_std_m", "v_std_mps")}
-_STAGES: Final = ("wire", "queue", "decode", "judge")
+_STAGES: Final = ("wire", "queue", "decode", "detect")
 
 
 def journal_file(journal: Path | None) -> Path:

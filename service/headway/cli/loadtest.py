@@ -34,7 +34,7 @@ LOAD_INJECTION = Spec(c=1.0, kinds=ALGORITHM_1, share=0.01)
 
 NOMINAL_HZ = 10.0
 LOAD_WARMUP_S = 5.0
-FORGET_AFTER_S = 30.0
+VEHICLE_TTL_S = 30.0
 SCRAPE_EVERY_S = 1.0
 SPARE_ROWS = 1.2
 
@@ -169,8 +169,8 @@ def targets_for(load: Load) -> Targets:
 
 def _carry(load: Load, console: Console) -> Outcome:
     """Run the service in a process of its own under a load."""
-    capacity = max(1_000, ceil(SPARE_ROWS * load.vehicles * (1 + FORGET_AFTER_S / load.rotate_s)) + load.surge)
-    settings = {"site": "load", "vehicle_capacity": capacity, "forget_after_s": FORGET_AFTER_S}
+    capacity = max(1_000, ceil(SPARE_ROWS * load.vehicles * (1 + VEHICLE_TTL_S / load.rotate_s)) + load.surge)
+    settings = {"site": "load", "vehicle_capacity": capacity, "vehicle_ttl_s": VEHICLE_TTL_S}
     surge, total_s = None, load.seconds + LOAD_WARMUP_S
     if load.surge:
         surge = Surge(vehicles=load.surge, start_s=LOAD_WARMUP_S + SURGE_LEAD_S, seconds=load.seconds)

@@ -97,7 +97,7 @@ class Engine:
             config.max_gap_s,
             config.pairing_range_m,
             config.lane_width_m,
-            config.miss_after_s,
+            config.silence_timeout_s,
             config.warming_readings,
         )
 
@@ -233,7 +233,7 @@ class Engine:
         leaders = self._leaders(rows)
         self._count_pairs(leaders)
         excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._deaf_until_us)
-        limits = self._config.miss_after_s, self._config.warming_readings
+        limits = self._config.silence_timeout_s, self._config.warming_readings
         late = reception.late(self._tracks, rows, leaders, excused, now_us, *limits)
         for i in np.flatnonzero(late):
             row = int(rows[i])
@@ -242,7 +242,7 @@ class Engine:
             else:
                 t_us = int(self._tracks["t_us"][row])
                 tally.events.append(self._misses.begin(row, int(leaders[i]), t_us, int(heard_us[row])))
-        gone = rows[now_us - heard_us[rows] > self._config.forget_after_s * 1e6]
+        gone = rows[now_us - heard_us[rows] > self._config.vehicle_ttl_s * 1e6]
         if gone.size:
             self._forget(gone, tally)
             self._count_pairs(self._leaders(np.flatnonzero(self._vehicles.in_use)))
@@ -318,7 +318,7 @@ class Engine:
         )
 
     def restore(self, snapshot: Snapshot, now_us: int) -> int:
-        """Go on with the vehicles of a snapshot that were heard within `forget_after_s`; return how many.
+        """Go on with the vehicles of a snapshot that were heard within `vehicle_ttl_s`; return how many.
 
         This engine must not know any vehicle yet, and the snapshot must be of its configuration and of this core.
         Nobody is accused of the silence in between: it was ours.
@@ -327,7 +327,7 @@ class Engine:
         newest = np.argsort(heard_us, kind="stable")[::-1]
         _, first = np.unique(np.array(snapshot.ids, dtype=np.str_)[newest], return_index=True)
         kept = newest[first]
-        kept = np.sort(kept[now_us - heard_us[kept] <= self._config.forget_after_s * 1e6])
+        kept = np.sort(kept[now_us - heard_us[kept] <= self._config.vehicle_ttl_s * 1e6])
         rows = snapshot.rows[kept]
         self._vehicles.seat(rows, [snapshot.ids[i] for i in kept])
         for name, table in self._tables.items():

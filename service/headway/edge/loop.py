@@ -135,14 +135,14 @@ class Shell:
         decoded = self._codec.decode(arrivals)
         decoded_ns = self._clock.monotonic_ns()
         result = self._engine.step(decoded.batch, self._heard_until_us(arrivals, drained_us))
-        judged_ns = self._clock.monotonic_ns()
-        decode_us, judge_us = (decoded_ns - drained_ns) / 1e3, (judged_ns - decoded_ns) / 1e3
-        self._tell_events(result.events, drained_us, int(decode_us), int(judge_us))
+        detected_ns = self._clock.monotonic_ns()
+        decode_us, detect_us = (decoded_ns - drained_ns) / 1e3, (detected_ns - decoded_ns) / 1e3
+        self._tell_events(result.events, drained_us, int(decode_us), int(detect_us))
         self._tell_rejections(decoded, arrivals, result, drained_ns)
         self._ledger.book(len(arrivals), decoded.rejections, result, self._bus.shed_records)
-        publish_us = (self._clock.monotonic_ns() - judged_ns) / 1e3
-        ages_us: F64 = (drained_us + decode_us + judge_us) - decoded.batch.t_us.astype(np.float64)
-        self._latencies.book(_waits_us(decoded, arrivals, drained_ns), ages_us, decode_us, judge_us, publish_us)
+        publish_us = (self._clock.monotonic_ns() - detected_ns) / 1e3
+        ages_us: F64 = (drained_us + decode_us + detect_us) - decoded.batch.t_us.astype(np.float64)
+        self._latencies.book(_waits_us(decoded, arrivals, drained_ns), ages_us, decode_us, detect_us, publish_us)
 
     def _heard_until_us(self, arrivals: list[Arrival], drained_us: int) -> int:
         """Return the time that the detector may take for now: with messages still waiting, when the last was received.
@@ -155,12 +155,12 @@ class Shell:
             self._engine.excuse(until_us)
         return until_us
 
-    def _tell_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, judge_us: int) -> None:
+    def _tell_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, detect_us: int) -> None:
         """Tell what was found; with a keeper only once it is written down."""
-        detected_us = drained_us + decode_us + judge_us
+        detected_us = drained_us + decode_us + detect_us
         statements = []
         for event in events:
-            latency_us = {Stage.DECODE: decode_us, Stage.JUDGE: judge_us}
+            latency_us = {Stage.DECODE: decode_us, Stage.DETECT: detect_us}
             if event.evidence is not None:
                 latency_us[Stage.QUEUE] = drained_us - event.received_us
             message = event_message(event, self._identity, detected_us, latency_us)

@@ -78,7 +78,7 @@ def test_the_values_are_those_of_the_books() -> None:
         ("headway_vehicles",): 7,
         ("headway_ready",): 1,
         ("headway_nis_readings_total", "inside"): 2,
-        ("headway_turns_total",): 1,
+        ("headway_loop_iterations_total",): 1,
         ("headway_alarm_budget_per_hour",): 0.5,
         ("headway_build_info", "c0ffee", "i", "aekf", "s", "1"): 1,
     }
@@ -102,7 +102,9 @@ def waits(*values_us: float) -> F64:
 
 def test_a_histogram_counts_every_record_in_the_bucket_it_belongs_to() -> None:
     rig = Rig(StubEngine())
-    rig.latencies.book(waits(5.0, 50.0, 2e9), waits(5.0, 50.0, 2e9), decode_us=100.0, judge_us=1_000.0, publish_us=10.0)
+    rig.latencies.book(
+        waits(5.0, 50.0, 2e9), waits(5.0, 50.0, 2e9), decode_us=100.0, detect_us=1_000.0, publish_us=10.0
+    )
     rig.latencies.flush()
     values = scrape(rig)
     name = "headway_stage_latency_seconds"
@@ -110,8 +112,8 @@ def test_a_histogram_counts_every_record_in_the_bucket_it_belongs_to() -> None:
     assert values[f"{name}_sum", "queue"] == pytest.approx(55e-6 + 2_000)
     queue = {float(key[1]): n for key, n in values.items() if (key[0], key[-1]) == (f"{name}_bucket", "queue")}
     assert (queue[1e-5], queue[1e-4], queue[100.0], queue[float("inf")]) == (1, 2, 2, 3)
-    judge = {float(key[1]): n for key, n in values.items() if (key[0], key[-1]) == (f"{name}_bucket", "judge")}
-    assert (judge[1e-4], judge[1e-3]) == (0, 3)
+    detect = {float(key[1]): n for key, n in values.items() if (key[0], key[-1]) == (f"{name}_bucket", "detect")}
+    assert (detect[1e-4], detect[1e-3]) == (0, 3)
 
 
 def test_percentiles_are_right_to_a_twentieth_and_of_the_time_since_the_last_report() -> None:

@@ -47,7 +47,7 @@ def settle(
     verdicts: Any,
     links: Any,
     silent_us: I64,
-    miss_after_s: float,
+    silence_timeout_s: float,
     warming_readings: int,
     filter_active: NDArray[np.bool_],
     link_active: NDArray[np.bool_],
@@ -69,7 +69,7 @@ def settle(
         if links[i].kind != _NO_KIND or link_active[row]:
             mark |= LINK
         known = tracks[row].count > warming_readings
-        if miss_active[row] or (known and silent_us[i] > limit_us(tracks[row].interval_s, miss_after_s)):
+        if miss_active[row] or (known and silent_us[i] > limit_us(tracks[row].interval_s, silence_timeout_s)):
             mark |= BACK
         out_marks[i] = mark
         marks |= mark

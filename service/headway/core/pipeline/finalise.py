@@ -70,7 +70,7 @@ def conclude(
         verdicts,
         links,
         entered.silent_us,
-        limits.miss_after_s,
+        limits.silence_timeout_s,
         limits.warming_readings,
         tables.filter_active,
         tables.link_active,

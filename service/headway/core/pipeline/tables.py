@@ -52,7 +52,7 @@ class Limits(NamedTuple):
     max_gap_s: float
     pairing_range_m: float
     lane_width_m: float
-    miss_after_s: float
+    silence_timeout_s: float
     warming_readings: int
 
 

@@ -2,8 +2,8 @@
 
 Silence alone proves nothing: the vehicle may have left, changed its pseudonym, or the roadside unit itself may be deaf.
 A miss is stated while it lasts when the car ahead or the car behind is still heard, and afterwards when the sender
-comes back and others were heard meanwhile. It is never stated before `miss_after_s`: congestion control may stretch the
-interval to 600 ms (SAE J2945/1).
+comes back and others were heard meanwhile. It is never stated before `silence_timeout_s`: congestion control may
+stretch the interval to 600 ms (SAE J2945/1).
 """
 
 import math
@@ -24,9 +24,9 @@ RENAMED_WITHIN_M, RENAMED_SHARE = 5.0, 0.2
 
 
 @njit(cache=True)
-def limit_us(interval_s: float, miss_after_s: float) -> int:
+def limit_us(interval_s: float, silence_timeout_s: float) -> int:
     """Return the silence (us) after which a sender of such an interval is late."""
-    return int(1e6 * max(miss_after_s, INTERVALS * interval_s))
+    return int(1e6 * max(silence_timeout_s, INTERVALS * interval_s))
 
 
 @njit(cache=True)
@@ -52,7 +52,7 @@ def late(
     leaders: I64,
     excused: NDArray[np.bool_],
     now_us: int,
-    miss_after_s: float,
+    silence_timeout_s: float,
     warming_readings: int,
 ) -> NDArray[np.bool_]:
     """Return which of `rows` (B,) are silent beyond their limit while a neighbour has been heard since.
@@ -65,7 +65,7 @@ def late(
         track = tracks[rows[i]]
         if excused[rows[i]] or track.count <= warming_readings:
             continue
-        limit = limit_us(track.interval_s, miss_after_s)
+        limit = limit_us(track.interval_s, silence_timeout_s)
         found[i] = now_us - track.received_us > limit and witness_us[i] > track.received_us + limit // 2
     return found
 

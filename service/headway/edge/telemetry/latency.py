@@ -28,7 +28,7 @@ class Stage(StrEnum):
     QUEUE = "queue"
     """From the receipt until it is taken out of the queue."""
     DECODE = "decode"
-    JUDGE = "judge"
+    DETECT = "detect"
     TOTAL = "total"
     """From the receipt to the outcome: the three before."""
     INTENDED = "intended"
@@ -72,7 +72,7 @@ class Latencies:
         waits_us: NDArray[np.float64],
         ages_us: NDArray[np.float64],
         decode_us: float,
-        judge_us: float,
+        detect_us: float,
         publish_us: float,
     ) -> None:
         """Enter one turn: (B,) time in the queue and age at the outcome of each record, and what each stage took."""
@@ -80,10 +80,10 @@ class Latencies:
         if not size:
             return
         self.stages[Stage.DECODE].add(decode_us, size)
-        self.stages[Stage.JUDGE].add(judge_us, size)
+        self.stages[Stage.DETECT].add(detect_us, size)
         self.stages[Stage.PUBLISH].add(publish_us, size)
         self._waits.append(waits_us)
-        self._works.append(waits_us + (decode_us + judge_us))
+        self._works.append(waits_us + (decode_us + detect_us))
         self._ages.append(ages_us)
         self._held += size
         if self._held >= _FLUSH_AT:
