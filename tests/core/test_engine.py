@@ -11,17 +11,17 @@ from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Sensor
-from headway.core.types.step_result import AnomalyEvent, Phase, Turn
+from headway.core.types.step_result import AnomalyEvent, Phase, StepResult
 
 CONFIG = DetectorConfig(model="ekf", delay_s=0.0, vehicle_capacity=16)
 WARM = CONFIG.warming_readings + 1
 
 
-def step(engine: Engine, records: Batch) -> Turn:
+def step(engine: Engine, records: Batch) -> StepResult:
     return engine.step(records, int(records.received_us.max()))
 
 
-def labels(turn: Turn) -> list[str]:
+def labels(turn: StepResult) -> list[str]:
     return [Outcome(code).label for code in turn.outcomes]
 
 
@@ -115,7 +115,7 @@ def test_a_full_table_refuses_the_next_and_takes_it_when_others_are_forgotten() 
     turn = engine.step(batch(["a", "b", "c"], [0, 50, 90], [9] * 3, [START_US] * 3), START_US)
     assert sorted(labels(turn)) == ["table_full", "warming", "warming"]
     later = START_US + 6_000_000
-    assert engine.step(batch([], [], [], []), later).forgotten == 2
+    assert engine.step(batch([], [], [], []), later).evicted == 2
     assert labels(engine.step(one("c", later), later)) == ["warming"]
 
 
@@ -124,7 +124,7 @@ def test_the_senders_counter_tells_of_missed_messages() -> None:
     drive(engine, platoon, 30)
     platoon.next()
     platoon.next()
-    assert step(engine, platoon.next()).missed_messages == 2
+    assert step(engine, platoon.next()).sequence_gaps == 2
 
 
 def test_the_order_within_a_batch_is_of_no_account() -> None:
@@ -199,7 +199,7 @@ def test_the_forgotten_leave_nothing_behind() -> None:
     drive(engine, platoon, 50)
     step(engine, platoon.next({"car1": 8.0}))
     later = platoon.t_us + 40_000_000
-    assert engine.step(batch([], [], [], []), later).forgotten == 3
+    assert engine.step(batch([], [], [], []), later).evicted == 3
     assert (engine.vehicles, engine.pairs, engine.active_events) == (0, 0, 0)
     assert engine.states().followers == []
 

@@ -12,13 +12,13 @@ from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind
-from headway.core.types.snapshot import whole
-from headway.core.types.step_result import AnomalyEvent, Phase, Turn
+from headway.core.types.snapshot import concatenate
+from headway.core.types.step_result import AnomalyEvent, Phase, StepResult
 
 CONFIG = DetectorConfig(model="aekf", vehicle_capacity=16, warming_readings=20)
 
 
-def step(engine: Engine, records: Batch) -> Turn:
+def step(engine: Engine, records: Batch) -> StepResult:
     return engine.step(records, int(records.received_us.max()))
 
 
@@ -31,7 +31,7 @@ def driven(steps: int, platoon: Platoon, config: DetectorConfig = CONFIG) -> Eng
 
 def restored(engine: Engine, now_us: int, stride: int = 1) -> Engine:
     other = Engine(CONFIG)
-    other.restore(whole([engine.snapshot(stride, phase) for phase in range(stride)]), now_us)
+    other.restore(concatenate([engine.snapshot(stride, phase) for phase in range(stride)]), now_us)
     return other
 
 
@@ -97,7 +97,7 @@ def test_a_vehicle_that_changed_its_row_between_two_parts_is_known_once() -> Non
     early = engine.snapshot(2, 0)
     later = driven(60, Platoon(2, seed=2))
     late = later.snapshot(2, 1)
-    both = whole([replace(early, rows=early.rows + 4), late])
+    both = concatenate([replace(early, rows=early.rows + 4), late])
     assert sorted(both.ids) == ["car0", "car1", "car2"]
     both = replace(both, ids=["car1" if name == "car2" else name for name in both.ids])
     other = Engine(CONFIG)

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from headway.core.types.batch import Batch
-from headway.core.types.identifiers import names
+from headway.core.types.identifiers import id_column
 
 START_US = 1_700_000_000_000_000
 STEP_US = 100_000
@@ -29,8 +29,8 @@ def batch(
     t = np.array(list(t_us), np.int64)
     nothing = np.full(n, np.nan)
     return Batch(
-        ids=names(ids),
-        leader_ids=names([None] * n if leader_ids is None else leader_ids),
+        ids=id_column(ids),
+        leader_ids=id_column([None] * n if leader_ids is None else leader_ids),
         msg_cnt=np.array(list(msg_cnt) if isinstance(msg_cnt, Iterable) else [msg_cnt] * n, np.int64),
         t_us=t,
         received_us=t + LATENCY_US if received_us is None else np.array(list(received_us), np.int64),

@@ -5,7 +5,7 @@ import numpy as np
 from headway.core.types.batch import Batch
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import READING, Kind, Sensor
-from headway.core.types.step_result import AnomalyEvent, Evidence, PairStates, Phase, Turn
+from headway.core.types.step_result import AnomalyEvent, Evidence, PairStates, Phase, StepResult
 
 
 class StubEngine:
@@ -17,20 +17,20 @@ class StubEngine:
         self.active_events = 0
         self.batches: list[Batch] = []
         self.now_us: list[int] = []
-        self.excused_us: list[int] = []
+        self.gaps_ignored_before_us: list[int] = []
         self.outcomes: list[Outcome] | None = None
         self.events: list[AnomalyEvent] = []
 
-    def step(self, batch: Batch, now_us: int) -> Turn:
+    def step(self, batch: Batch, now_us: int) -> StepResult:
         self.now_us.append(now_us)
         self.batches.append(batch)
         outcomes = [Outcome.SCORED] * len(batch) if self.outcomes is None else self.outcomes
-        turn = Turn(outcomes=np.array(outcomes, np.uint8), events=self.events, nis=np.full(len(batch), 1.0))
+        turn = StepResult(outcomes=np.array(outcomes, np.uint8), events=self.events, nis=np.full(len(batch), 1.0))
         self.outcomes, self.events = None, []
         return turn
 
-    def excuse(self, until_us: int) -> None:
-        self.excused_us.append(until_us)
+    def ignore_gaps_before(self, until_us: int) -> None:
+        self.gaps_ignored_before_us.append(until_us)
 
     def states(self, stride: int = 1, phase: int = 0) -> PairStates:
         rows = np.arange(phase, self.vehicles, stride)

@@ -6,7 +6,7 @@ import pytest
 from headway.core.engine import Engine
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
-from headway.core.types.identifiers import names
+from headway.core.types.identifiers import id_column
 from headway.core.types.records import Kind as Told
 from headway.core.types.step_result import Phase
 from headway_loadtest.inject.faults import Kind, Spec
@@ -40,8 +40,8 @@ class Heard:
         ahead = [record or (None, np.nan, np.nan) for record in frame.leader or [None] * len(frame)]
         t_us = START_US + frame.t_us
         batch = Batch(
-            ids=names(ids),
-            leader_ids=names([record[0] for record in ahead]),
+            ids=id_column(ids),
+            leader_ids=id_column([record[0] for record in ahead]),
             msg_cnt=frame.msg_cnt,
             t_us=t_us,
             received_us=t_us + LATENCY_US,

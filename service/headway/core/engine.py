@@ -22,11 +22,11 @@ from headway.core.tracking import pairing, reception, spatial_index, tracks
 from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.batch import I64, Batch
 from headway.core.types.config import DetectorConfig
-from headway.core.types.identifiers import names
+from headway.core.types.identifiers import id_column
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 from headway.core.types.snapshot import Snapshot
-from headway.core.types.step_result import AnomalyEvent, PairStates, Turn
+from headway.core.types.step_result import AnomalyEvent, PairStates, StepResult
 
 _SCORED = np.uint8(Outcome.SCORED)
 """As numpy's own number it is compared ten times faster."""
@@ -37,15 +37,15 @@ HOUSEKEEPING_US = 100_000
 
 @dataclass(slots=True)
 class _Tally:
-    """What a step adds up for its `Turn`."""
+    """What a step adds up for its `StepResult`."""
 
     events: list[AnomalyEvent]
     nis: list[NDArray[np.float64]]
     anomalous: int = 0
-    missed_messages: int = 0
+    sequence_gaps: int = 0
     repairs: int = 0
     restarts: int = 0
-    forgotten: int = 0
+    evicted: int = 0
     leader_changes: int = 0
 
 
@@ -66,13 +66,13 @@ class Engine:
         self._judged_t_s = np.zeros(capacity)
         self._evidence = EvidenceStore(self._bank, config.evidence_readings)
         self._events = EventLog(self._vehicles, self._evidence, capacity)
-        self._link_events = EventLog(self._vehicles, self._evidence, capacity, suffix="-link")
+        self._pair_events = EventLog(self._vehicles, self._evidence, capacity, suffix="-link")
         self._misses = MissLog(self._vehicles, capacity)
         self._seen = np.zeros(capacity, np.int64)
-        self._ear = reception.Ear()
-        self._first_heard_us = np.zeros(capacity, np.int64)
-        self._renamed_us = np.zeros(capacity, np.int64)
-        self._deaf_until_us = 0
+        self._reception = reception.ReceptionMonitor()
+        self._first_received_us = np.zeros(capacity, np.int64)
+        self._pseudonym_changed_us = np.zeros(capacity, np.int64)
+        self._outage_until_us = 0
         self._kept_house_us = 0
         self.pairs = 0
         """Vehicles that follow somebody, as of the last housekeeping: any thread may read it, unlike the tables."""
@@ -88,9 +88,9 @@ class Engine:
             links=self._bank["link"],
             newest=self._verdicts,
             judged_t_s=self._judged_t_s,
-            memory=self._evidence.memory,
+            rings=self._evidence.rings,
             filter_active=self._events.active,
-            link_active=self._link_events.active,
+            link_active=self._pair_events.active,
             miss_active=self._misses.active,
         )
         self._limits = Limits(
@@ -109,9 +109,9 @@ class Engine:
     @property
     def active_events(self) -> int:
         """Events under way."""
-        return len(self._events) + len(self._link_events) + len(self._misses)
+        return len(self._events) + len(self._pair_events) + len(self._misses)
 
-    def step(self, batch: Batch, now_us: int) -> Turn:
+    def step(self, batch: Batch, now_us: int) -> StepResult:
         """Judge a batch at local time `now_us` (Unix microseconds); an empty batch lets time pass.
 
         The order of the records within a batch is of no account: they are taken by event time.
@@ -123,7 +123,7 @@ class Engine:
             refuse_by_age(batch.t_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
             rows = self._rows(batch, outcomes)
             declared = self._vehicles.rows(batch.leader_ids)
-            self._ear.hear(batch.received_us)
+            self._reception.record(batch.received_us)
             numbers = columns(batch)
             order, nth, count = waves(rows, batch.t_us, outcomes, self._seen)
             for n in range(count):
@@ -132,21 +132,21 @@ class Engine:
         if now_us - self._kept_house_us >= HOUSEKEEPING_US:
             self._kept_house_us = now_us
             self._keep_house(now_us, tally)
-        return Turn(
+        return StepResult(
             outcomes=outcomes,
             events=tally.events,
             nis=np.concatenate([np.empty(0), *tally.nis]),
             anomalous=tally.anomalous,
-            missed_messages=tally.missed_messages,
+            sequence_gaps=tally.sequence_gaps,
             repairs=tally.repairs,
             restarts=tally.restarts,
-            forgotten=tally.forgotten,
+            evicted=tally.evicted,
             leader_changes=tally.leader_changes,
         )
 
-    def excuse(self, until_us: int) -> None:
+    def ignore_gaps_before(self, until_us: int) -> None:
         """Hold no silence before local time `until_us` against anybody: messages were lost here."""
-        self._deaf_until_us = until_us
+        self._outage_until_us = until_us
 
     def _rows(self, batch: Batch, outcomes: NDArray[np.uint8]) -> I64:
         """Return (B,) rows, giving one to each new vehicle; who finds no room is `TABLE_FULL`."""
@@ -156,7 +156,7 @@ class Engine:
         strangers = np.flatnonzero((rows < 0) & (outcomes == _SCORED))
         if strangers.size:
             admitted = self._vehicles.admit({name.decode() for name in batch.ids[strangers].tolist()})
-            self._first_heard_us[admitted] = batch.received_us[strangers].min()
+            self._first_received_us[admitted] = batch.received_us[strangers].min()
             rows = self._vehicles.rows(batch.ids)
             outcomes[(rows < 0) & (outcomes == _SCORED)] = Outcome.TABLE_FULL
         return rows
@@ -182,7 +182,7 @@ class Engine:
         done = self._conclude(
             self._wave_tables, entered, declared, verdicts, now_us, limits, self._link_params, outcomes
         )
-        tally.missed_messages += entered.missed
+        tally.sequence_gaps += entered.missed
         tally.leader_changes += done.leader_changes
         tally.nis.append(done.nis)
         tally.anomalous += done.settled.anomalous
@@ -204,7 +204,7 @@ class Engine:
             self._judge_links(rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], done.links[at], tally)
         if done.settled.marks & classify.BACK:
             at = np.flatnonzero(done.marks & classify.BACK)
-            self._heard_again(rows[at], leaders[at], entered.heard_us[at], t_us[at], received_us[at], tally)
+            self._heard_again(rows[at], leaders[at], entered.last_received_us[at], t_us[at], received_us[at], tally)
 
     def _judge_links(
         self, rows: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records, links: Records, tally: _Tally
@@ -213,58 +213,64 @@ class Engine:
         said, odds = link_said(links, verdicts), links["follower_log_odds"]
         suspects = np.where((odds < 0.0) & (leaders >= 0), leaders, rows)
         tally.anomalous += int(said["anomalous"].sum())
-        tally.events += self._link_events.judge(rows, suspects, leaders, t_us, received_us, said)
+        tally.events += self._pair_events.judge(rows, suspects, leaders, t_us, received_us, said)
 
-    def _heard_again(self, rows: I64, leaders: I64, heard_us: I64, t_us: I64, received_us: I64, tally: _Tally) -> None:
+    def _heard_again(
+        self, rows: I64, leaders: I64, last_received_us: I64, t_us: I64, received_us: I64, tally: _Tally
+    ) -> None:
         """End the misses of vehicles that are back, and state those that no neighbour could bear witness to."""
         for i in range(rows.size):
             row, leader = int(rows[i]), int(leaders[i])
             if not self._misses.active[row]:
-                deaf = heard_us[i] < self._deaf_until_us
-                if deaf or not self._ear.was_open(int(heard_us[i]), int(received_us[i])):
+                in_outage = last_received_us[i] < self._outage_until_us
+                if in_outage or not self._reception.was_receiving(int(last_received_us[i]), int(received_us[i])):
                     continue
-                tally.events.append(self._misses.begin(row, leader, int(t_us[i]), int(heard_us[i])))
+                tally.events.append(self._misses.begin(row, leader, int(t_us[i]), int(last_received_us[i])))
             tally.events.append(self._misses.end(row, leader, int(t_us[i]), int(received_us[i])))
 
     def _keep_house(self, now_us: int, tally: _Tally) -> None:
         """Look at who is silent, and forget who has been for long."""
         rows = np.flatnonzero(self._vehicles.in_use)
-        heard_us = self._tracks["received_us"]
+        last_received_us = self._tracks["received_us"]
         leaders = self._leaders(rows)
         self._count_pairs(leaders)
-        excused = self._misses.active | (self._renamed_us == heard_us) | (heard_us < self._deaf_until_us)
+        ignored = (
+            self._misses.active
+            | (self._pseudonym_changed_us == last_received_us)
+            | (last_received_us < self._outage_until_us)
+        )
         limits = self._config.silence_timeout_s, self._config.warming_readings
-        late = reception.late(self._tracks, rows, leaders, excused, now_us, *limits)
-        for i in np.flatnonzero(late):
+        overdue = reception.overdue(self._tracks, rows, leaders, ignored, now_us, *limits)
+        for i in np.flatnonzero(overdue):
             row = int(rows[i])
-            if reception.renamed(self._tracks, self._first_heard_us, row, rows):
-                self._renamed_us[row] = heard_us[row]
+            if reception.pseudonym_changed(self._tracks, self._first_received_us, row, rows):
+                self._pseudonym_changed_us[row] = last_received_us[row]
             else:
                 t_us = int(self._tracks["t_us"][row])
-                tally.events.append(self._misses.begin(row, int(leaders[i]), t_us, int(heard_us[row])))
-        gone = rows[now_us - heard_us[rows] > self._config.vehicle_ttl_s * 1e6]
+                tally.events.append(self._misses.begin(row, int(leaders[i]), t_us, int(last_received_us[row])))
+        gone = rows[now_us - last_received_us[rows] > self._config.vehicle_ttl_s * 1e6]
         if gone.size:
-            self._forget(gone, tally)
+            self._evict(gone, tally)
             self._count_pairs(self._leaders(np.flatnonzero(self._vehicles.in_use)))
 
-    def _forget(self, rows: I64, tally: _Tally) -> None:
+    def _evict(self, rows: I64, tally: _Tally) -> None:
         """Free these rows everywhere."""
         for row in rows.tolist():
             if self._misses.active[row]:
                 track = self._tracks[row]
                 tally.events.append(self._misses.end(row, -1, int(track["t_us"]), int(track["received_us"])))
             self._events.drop(row)
-            self._link_events.drop(row)
-            self._vehicles.forget(row)
-        tracks.forget(self._tracks, rows)
+            self._pair_events.drop(row)
+            self._vehicles.evict(row)
+        tracks.evict(self._tracks, rows)
         self._wipe(rows)
         banks.wipe(self._verdicts, rows)
-        tally.forgotten += rows.size
+        tally.evicted += rows.size
 
     def _wipe(self, rows: I64) -> None:
         """Let what is known of each vehicle as a row of the bank begin anew."""
         banks.wipe(self._bank, rows)
-        self._evidence.forget(rows)
+        self._evidence.clear(rows)
 
     def _count_pairs(self, leaders: I64) -> None:
         self.pairs = int((leaders >= 0).sum())
@@ -297,7 +303,7 @@ class Engine:
             gate=verdict["gate"],
             nis=verdict["nis"],
             warming=verdict["warming"],
-            anomalous=self._events.active[rows] | self._link_events.active[rows],
+            anomalous=self._events.active[rows] | self._pair_events.active[rows],
             silent=self._misses.active[rows],
         )
 
@@ -312,9 +318,9 @@ class Engine:
             rows=rows,
             ids=[str(self._vehicles.id_of[row]) for row in rows],
             tables={name: table[rows] for name, table in self._tables.items()},
-            events=self._events.under_way(rows),
-            link_events=self._link_events.under_way(rows),
-            misses=self._misses.under_way(rows),
+            events=self._events.snapshot(rows),
+            pair_events=self._pair_events.snapshot(rows),
+            misses=self._misses.snapshot(rows),
         )
 
     def restore(self, snapshot: Snapshot, now_us: int) -> int:
@@ -323,23 +329,23 @@ class Engine:
         This engine must not know any vehicle yet, and the snapshot must be of its configuration and of this core.
         Nobody is accused of the silence in between: it was ours.
         """
-        heard_us = snapshot.tables["tracks"]["received_us"]
-        newest = np.argsort(heard_us, kind="stable")[::-1]
+        last_received_us = snapshot.tables["tracks"]["received_us"]
+        newest = np.argsort(last_received_us, kind="stable")[::-1]
         _, first = np.unique(np.array(snapshot.ids, dtype=np.str_)[newest], return_index=True)
         kept = newest[first]
-        kept = np.sort(kept[now_us - heard_us[kept] <= self._config.vehicle_ttl_s * 1e6])
+        kept = np.sort(kept[now_us - last_received_us[kept] <= self._config.vehicle_ttl_s * 1e6])
         rows = snapshot.rows[kept]
-        self._vehicles.seat(rows, [snapshot.ids[i] for i in kept])
+        self._vehicles.restore(rows, [snapshot.ids[i] for i in kept])
         for name, table in self._tables.items():
             table[rows] = snapshot.tables[name][kept]
         for column in ("leader_row", "challenger_row"):
             whom = self._pairing[column][rows]
             self._pairing[column][rows] = np.where(self._vehicles.in_use[whom], whom, pairing.NOBODY)
-        self._events.resume([event for event in snapshot.events if self._vehicles.in_use[event.row]])
-        self._link_events.resume([event for event in snapshot.link_events if self._vehicles.in_use[event.row]])
-        self._misses.resume([miss for miss in snapshot.misses if self._vehicles.in_use[miss.row]])
+        self._events.restore([event for event in snapshot.events if self._vehicles.in_use[event.row]])
+        self._pair_events.restore([event for event in snapshot.pair_events if self._vehicles.in_use[event.row]])
+        self._misses.restore([miss for miss in snapshot.misses if self._vehicles.in_use[miss.row]])
         self._count_pairs(self._leaders(rows))
-        self.excuse(now_us)
+        self.ignore_gaps_before(now_us)
         return int(rows.size)
 
     @property
@@ -351,7 +357,7 @@ class Engine:
             "bank": self._bank,
             "verdicts": self._verdicts,
             "judged_t_s": self._judged_t_s,
-            "first_heard_us": self._first_heard_us,
+            "first_received_us": self._first_received_us,
         }
 
     def warm_up(self) -> None:
@@ -360,8 +366,8 @@ class Engine:
         for k in range(2):
             other.step(_example(k), now_us=1 + k * 100_000)
         other.states()
-        reception.renamed(other._tracks, other._first_heard_us, 0, np.arange(2))
-        other._vehicles.forget(0)
+        reception.pseudonym_changed(other._tracks, other._first_received_us, 0, np.arange(2))
+        other._vehicles.evict(0)
 
 
 def _example(k: int) -> Batch:
@@ -369,8 +375,8 @@ def _example(k: int) -> Batch:
     t_us = np.full(2, 1 + k * 100_000)
     nothing = np.full(2, np.nan)
     return Batch(
-        ids=names(["leader", "follower"]),
-        leader_ids=names([None, "leader"]),
+        ids=id_column(["leader", "follower"]),
+        leader_ids=id_column([None, "leader"]),
         msg_cnt=np.full(2, k),
         t_us=t_us,
         received_us=t_us,

@@ -12,7 +12,7 @@ import structlog
 from headway.core.engine import Engine
 from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
-from headway.core.types.step_result import AnomalyEvent, Turn
+from headway.core.types.step_result import AnomalyEvent, StepResult
 from headway.edge.clock import Clock
 from headway.edge.codec.decoder import Codec, Decoded
 from headway.edge.codec.messages import DETAILS, encode, event_message, rejected_copy
@@ -152,7 +152,7 @@ class Shell:
         until_us = arrivals[-1].received_us if arrivals and self._bus.waiting else drained_us
         if self._bus.shed != self._shed:
             self._shed = self._bus.shed
-            self._engine.excuse(until_us)
+            self._engine.ignore_gaps_before(until_us)
         return until_us
 
     def _tell_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, detect_us: int) -> None:
@@ -172,7 +172,7 @@ class Shell:
         for statement in statements:
             self._bus.publish(Channel.ALERT, statement.key, statement.payload)
 
-    def _tell_rejections(self, decoded: Decoded, arrivals: list[Arrival], result: Turn, now_ns: int) -> None:
+    def _tell_rejections(self, decoded: Decoded, arrivals: list[Arrival], result: StepResult, now_ns: int) -> None:
         if not self._bus.wanted(Channel.REJECTED):
             return
         by_core = np.flatnonzero(result.outcomes > _WARMING)

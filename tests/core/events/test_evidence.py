@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from headway.core.estimation import registry
-from headway.core.events.evidence import EvidenceStore, remember
+from headway.core.events.evidence import EvidenceStore, store_readings
 from headway.core.runtime import rows as banks
 from headway.core.types.config import DetectorConfig
 
@@ -21,7 +21,7 @@ def test_replayed_evidence_gives_the_same_verdict_bit_for_bit(count: int) -> Non
         reading = banks.readings(1)
         reading["t_s"], reading["x_m"], reading["v_mps"] = 1e9 + 0.1 * k, 2.0 * k + rng.normal(), 20 + rng.normal()
         verdict = banks.verdicts(1)
-        remember(store.memory, bank, ROWS, reading, np.array([k]))
+        store_readings(store.rings, bank, ROWS, reading, np.array([k]))
         model.step_batch(bank, ROWS, reading, model.params, verdict)
 
     evidence = store.of(0)

@@ -6,7 +6,7 @@ from core.roads import START_US, STEP_S, STRAIGHT, Car, Motion, Noise, Reading, 
 
 from headway.core.tracking.pairing import NOBODY
 from headway.core.tracking.spatial_index import NEAREST, find_near
-from headway.core.tracking.tracks import DEFAULT_LENGTH_M, forget
+from headway.core.tracking.tracks import DEFAULT_LENGTH_M, evict
 
 BEND = Road(((150.0, 0.0), (60.0 * math.pi / 2, 1 / 60.0), (1e5, 0.0)))
 RIGHT_TURN = Road(((60.0, 0.0), (8.0 * math.pi / 2, -1 / 8.0), (1e5, 0.0)))
@@ -261,7 +261,7 @@ def test_the_next_vehicle_in_a_leaders_row_is_not_taken_for_it() -> None:
     world = World()
     drive(world, [Car(STRAIGHT, at(0.0, 15.0)), Car(STRAIGHT, at(30.0, 15.0))], 5.0)
     assert world.leaders()[0] == 1
-    forget(world.tracks, np.array([1]))
+    evict(world.tracks, np.array([1]))
     assert world.leaders()[0] == NOBODY
     record = drive(world, [Car(STRAIGHT, at(0.0, 15.0)), Car(STRAIGHT, at(-400.0, 15.0))], 5.0, start_s=5.0)
     assert (record.leader[:, 0] == NOBODY).all()
@@ -271,7 +271,7 @@ def test_the_next_vehicle_in_a_leaders_row_is_not_taken_for_it() -> None:
 def test_the_next_vehicle_in_a_followers_row_inherits_no_leader() -> None:
     world = World()
     drive(world, [Car(STRAIGHT, at(0.0, 15.0)), Car(STRAIGHT, at(30.0, 15.0))], 5.0)
-    forget(world.tracks, np.array([0]))
+    evict(world.tracks, np.array([0]))
     elsewhere = Car(Road(((1e5, 0.0),), math.pi / 2, 0.0, 90.0), at(0.0, 15.0))
     one = (np.array([value]) for value in elsewhere.reading(5.0))
     world.advance(np.array([0]), START_US + 4_950_000, *one)

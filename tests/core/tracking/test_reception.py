@@ -17,14 +17,14 @@ def test_never_before_600_ms_and_never_before_three_intervals() -> None:
 
 def test_leader_and_follower_are_each_others_witness() -> None:
     heard = np.array([100, 200, 300, 0])
-    witness = reception.last_witness_us(heard, np.array([0, 1, 2]), np.array([-1, 0, 1]))
-    assert witness.tolist() == [200, 300, 200]
+    neighbour = reception.last_neighbour_us(heard, np.array([0, 1, 2]), np.array([-1, 0, 1]))
+    assert neighbour.tolist() == [200, 300, 200]
 
 
-def silent(heard_us: list[int]) -> np.ndarray:
+def silent(last_received_us: list[int]) -> np.ndarray:
     """Tracks of vehicles at 10 Hz, well known, last heard then."""
-    known = tracks.new_tracks(len(heard_us))
-    known["received_us"], known["t_us"] = heard_us, heard_us
+    known = tracks.new_tracks(len(last_received_us))
+    known["received_us"], known["t_us"] = last_received_us, last_received_us
     known["count"], known["interval_s"] = 100, 0.1
     return known
 
@@ -32,15 +32,15 @@ def silent(heard_us: list[int]) -> np.ndarray:
 def test_late_only_while_a_neighbour_is_still_heard() -> None:
     known = silent([9 * S, 9 * S, int(9.9 * S), 9 * S])
     leaders = np.array([2, 3, -1, -1])
-    late = reception.late(known, np.arange(4), leaders, np.zeros(4, np.bool_), 10 * S, 0.6, 30)
-    assert late.tolist() == [True, False, False, False]
+    overdue = reception.overdue(known, np.arange(4), leaders, np.zeros(4, np.bool_), 10 * S, 0.6, 30)
+    assert overdue.tolist() == [True, False, False, False]
 
 
 def test_neither_the_excused_nor_the_little_known_are_late() -> None:
     known = silent([9 * S, 9 * S, int(9.9 * S)])
     known["count"][1] = 30
-    leaders, excused = np.array([2, 2, -1]), np.array([True, False, False])
-    assert not reception.late(known, np.arange(3), leaders, excused, 10 * S, 0.6, 30).any()
+    leaders, ignored = np.array([2, 2, -1]), np.array([True, False, False])
+    assert not reception.overdue(known, np.arange(3), leaders, ignored, 10 * S, 0.6, 30).any()
 
 
 def test_renamed_is_who_began_since_where_the_silent_one_would_be() -> None:
@@ -49,16 +49,16 @@ def test_renamed_is_who_began_since_where_the_silent_one_would_be() -> None:
     known["lat_deg"] = 42.0 + np.array([0.0, 10.0, 200.0]) / 111_000.0
     first_heard = np.array([0, int(9.1 * S), int(9.1 * S)])
     rows = np.arange(3)
-    assert reception.renamed(known, first_heard, 0, rows)
-    assert not reception.renamed(known, np.array([0, 8 * S, int(9.1 * S)]), 0, rows)
+    assert reception.pseudonym_changed(known, first_heard, 0, rows)
+    assert not reception.pseudonym_changed(known, np.array([0, 8 * S, int(9.1 * S)]), 0, rows)
 
 
 def test_an_ear_that_heard_nobody_was_not_open() -> None:
-    ear = reception.Ear()
-    ear.hear(np.arange(0, 2 * S, 50_000))
-    assert ear.was_open(S // 2, 3 * S // 2)
-    assert not ear.was_open(2 * S, 4 * S)
-    assert not ear.was_open(S, S + 50_000)
+    monitor = reception.ReceptionMonitor()
+    monitor.record(np.arange(0, 2 * S, 50_000))
+    assert monitor.was_receiving(S // 2, 3 * S // 2)
+    assert not monitor.was_receiving(2 * S, 4 * S)
+    assert not monitor.was_receiving(S, S + 50_000)
 
 
 def test_a_miss_begins_and_ends_under_one_id() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from core.roads import START_US, STEP_S, STRAIGHT, Car, Noise, Reading, Road, World, drive, lat_lon
 
-from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, DEFAULT_LENGTH_M, EAST, X, forget
+from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, DEFAULT_LENGTH_M, EAST, X, evict
 from headway.core.types.outcome import Outcome
 
 ROW = np.array([0])
@@ -193,10 +193,10 @@ def test_a_long_silence_begins_the_odometer_anew() -> None:
     hear(world, 0.0)
     for k in range(1, 50):
         assert not hear(world, k * STEP_S, k * 1.0)[3]
-    serial = world.tracks["serial"][0]
+    generation = world.tracks["generation"][0]
     _, x_m, missed, began = hear(world, 4.9 + 5.1, 100.0, msg_cnt=60)
     assert (x_m, missed, began) == (0.0, 0, True)
-    assert world.tracks["serial"][0] == serial + 1
+    assert world.tracks["generation"][0] == generation + 1
     assert world.tracks["crumb_count"][0] == 1
 
 
@@ -227,21 +227,21 @@ def test_a_believed_leap_begins_the_trail_anew_and_keeps_the_odometer() -> None:
     world = World()
     for k in range(100):
         hear(world, k * STEP_S, k * 1.0)
-    serial = world.tracks["serial"][0]
+    generation = world.tracks["generation"][0]
     _, x_m, _, began = hear(world, 10.0, 300.0)
     assert (x_m, began) == (pytest.approx(300.0, abs=1e-3), False)
     assert world.tracks["crumb_count"][0] == 1
-    assert world.tracks["serial"][0] == serial
+    assert world.tracks["generation"][0] == generation
 
 
 def test_a_forgotten_row_is_free_and_its_next_vehicle_has_another_serial() -> None:
     world = World()
     hear(world, 0.0)
-    before = int(world.tracks["serial"][0])
-    forget(world.tracks, ROW)
+    before = int(world.tracks["generation"][0])
+    evict(world.tracks, ROW)
     assert world.tracks["t_us"][0] == 0
     assert hear(world, 0.1, 500.0)[3]
-    assert world.tracks["serial"][0] not in (0, before)
+    assert world.tracks["generation"][0] not in (0, before)
     assert world.tracks["x_m"][0] == 0.0
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import msgpack
 
-from headway.core.types.batch import Names
+from headway.core.types.batch import Ids
 from headway.edge.transport.message import Arrival
 from headway_schemas import Keys
 from headway_schemas.bsm import FIELDS
@@ -52,6 +52,6 @@ def arrival(
     return Arrival(key or KEYS.bsm(sender), payload, encoding, is_put, RECEIVED_US, 0)
 
 
-def ids_of(column: Names) -> list[str | None]:
+def ids_of(column: Ids) -> list[str | None]:
     """Read a column of identifiers; None where there is none."""
     return [name.decode() or None for name in column.tolist()]

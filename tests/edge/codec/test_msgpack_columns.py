@@ -10,7 +10,7 @@ from edge.codec.messages import KEYS, arrival, record
 from hypothesis import given
 from hypothesis import strategies as st
 
-from headway.core.types.identifiers import NAME_BYTES
+from headway.core.types.identifiers import ID_BYTES
 from headway.edge.codec import msgpack_columns
 from headway.edge.codec.decoder import Codec
 
@@ -20,7 +20,7 @@ FULL = record(elev_m=260.0, accel_mps2=-0.5, accuracy_m=1.5, length_m=4.6, width
 def read(*contents: Any) -> msgpack_columns.Compact | None:
     payloads = [content if isinstance(content, bytes) else msgpack.packb(content) for content in contents]
     sizes = np.array([len(payload) for payload in payloads], np.int64)
-    return msgpack_columns.read(b"".join(payloads), sizes, bytes(NAME_BYTES * sizes.size), 20)
+    return msgpack_columns.read(b"".join(payloads), sizes, bytes(ID_BYTES * sizes.size), 20)
 
 
 def with_field(place: int, packed: bytes) -> bytes:

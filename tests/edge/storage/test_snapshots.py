@@ -13,7 +13,7 @@ from structlog.testing import capture_logs
 from headway.core.engine import Engine
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
-from headway.core.types.identifiers import names
+from headway.core.types.identifiers import id_column
 from headway.edge.codec.evidence import parameters
 from headway.edge.identity import Identity
 from headway.edge.storage.snapshots import Snapshots
@@ -36,8 +36,8 @@ def driven(vehicles: int = 70, steps: int = 30) -> Engine:
             x_m[5] += 50.0
         heard = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 8))
         records = Batch(
-            ids=names([f"car{n}" for n in heard]),
-            leader_ids=names([None] * heard.size),
+            ids=id_column([f"car{n}" for n in heard]),
+            leader_ids=id_column([None] * heard.size),
             msg_cnt=np.full(heard.size, k),
             t_us=t_us[heard],
             received_us=t_us[heard],
@@ -69,7 +69,7 @@ def test_what_was_known_is_known_again(tmp_path: Path) -> None:
     before, after = engine.snapshot(), other.snapshot()
     assert before.ids == after.ids
     assert all(repr(before.tables[name].tolist()) == repr(after.tables[name].tolist()) for name in before.tables)
-    assert (before.events, before.link_events, before.misses) == (after.events, after.link_events, after.misses)
+    assert (before.events, before.pair_events, before.misses) == (after.events, after.pair_events, after.misses)
     assert (len(after.events), len(after.misses)) == (1, 1)
 
 
@@ -98,8 +98,8 @@ def test_one_of_another_make_is_passed_over(tmp_path: Path, other: Identity, rea
 
 def test_a_damaged_one_is_passed_over(tmp_path: Path) -> None:
     path, engine = saved(tmp_path, driven()), Engine(CONFIG)
-    whole = path.read_bytes()
-    for damaged in (whole[:-1], whole[:40] + b"!" + whole[41:], b"\n", b""):
+    concatenate = path.read_bytes()
+    for damaged in (concatenate[:-1], concatenate[:40] + b"!" + concatenate[41:], b"\n", b""):
         path.write_bytes(damaged)
         with capture_logs() as logs:
             assert snapshots(path, engine).load() == 0

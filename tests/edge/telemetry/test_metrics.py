@@ -9,7 +9,7 @@ from sim.rig import IDENTITY, Rig
 
 from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
-from headway.core.types.step_result import Phase, Turn
+from headway.core.types.step_result import Phase, StepResult
 from headway.edge.telemetry.accounting import KINDS, NIS_BAND, Ledger
 from headway.edge.telemetry.latency import Latencies
 from headway.edge.telemetry.metrics import TABLE, Metrics, Sources, Type
@@ -89,7 +89,7 @@ def test_the_share_inside_the_band_is_95_percent_of_a_consistent_filter() -> Non
     rng = np.random.default_rng(1)
     ledger = Ledger()
     nis = rng.chisquare(2, 100_000)
-    ledger.book(0, [], Turn(outcomes=np.zeros(nis.size, np.uint8), nis=nis), {})
+    ledger.book(0, [], StepResult(outcomes=np.zeros(nis.size, np.uint8), nis=nis), {})
     assert ledger.nis_inside / nis.size == pytest.approx(0.95, abs=0.005)
     assert ledger.nis_below / nis.size == pytest.approx(0.025, abs=0.004)
     assert ledger.nis_inside + ledger.nis_below + ledger.nis_above == nis.size

@@ -30,12 +30,12 @@ class _Open:
     kind: Kind
     sensor: Sensor
     """Of the newest alarm, told or not."""
-    stated_us: int
+    updated_us: int
     changed: bool = False
-    quiet: int = 0
+    readings_below_gate: int = 0
 
 
-class _Of(NamedTuple):
+class _Subject(NamedTuple):
     """Whom a verdict concerns, as rows (leader -1: none), and when."""
 
     row: int
@@ -71,36 +71,42 @@ class EventLog:
             *(column[concerned].tolist() for column in (rows, suspects, leaders, t_us, received_us)), strict=True
         )
         what = zip(*(verdicts[name][concerned].tolist() for name in ("anomalous", "kind", "sensor")), strict=True)
-        said = []
-        for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Of._make, whom), what, strict=True):
+        events = []
+        for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Subject._make, whom), what, strict=True):
             phase = self._advance(of, kind, sensor, anomalous=anomalous)
             if phase is not None:
-                said.append(self._state(phase, of, verdicts[i]))
+                events.append(self._event(phase, of, verdicts[i]))
             if phase is Phase.CLEARED:
                 self.drop(of.row)
-        return said
+        return events
 
     def drop(self, row: int) -> None:
         """Forget the event of a row, if any, without a word."""
         self._open.pop(row, None)
         self.active[row] = False
 
-    def under_way(self, rows: I64) -> list[OpenEvent]:
+    def snapshot(self, rows: I64) -> list[OpenEvent]:
         """Return the events of `rows` (n,)."""
         of = [(int(row), self._open[int(row)]) for row in rows[self.active[rows]]]
         return [
-            OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.stated_us, e.changed, e.quiet) for row, e in of
+            OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.updated_us, e.changed, e.readings_below_gate)
+            for row, e in of
         ]
 
-    def resume(self, events: list[OpenEvent]) -> None:
+    def restore(self, events: list[OpenEvent]) -> None:
         """Go on with these events; nothing is said of it."""
         for event in events:
             self._open[event.row] = _Open(
-                event.event_id, Kind(event.kind), Sensor(event.sensor), event.stated_us, event.changed, event.quiet
+                event.event_id,
+                Kind(event.kind),
+                Sensor(event.sensor),
+                event.updated_us,
+                event.changed,
+                event.readings_below_gate,
             )
             self.active[event.row] = True
 
-    def _advance(self, of: _Of, kind: int, sensor: int, *, anomalous: bool) -> Phase | None:
+    def _advance(self, of: _Subject, kind: int, sensor: int, *, anomalous: bool) -> Phase | None:
         row, t_us = of.row, of.t_us
         event = self._open.get(row)
         if event is None:
@@ -109,17 +115,17 @@ class EventLog:
             self.active[row] = True
             return Phase.ONSET
         if not anomalous:
-            event.quiet += 1
-            return Phase.CLEARED if event.quiet >= CLEAR_AFTER_READINGS else None
-        event.quiet = 0
+            event.readings_below_gate += 1
+            return Phase.CLEARED if event.readings_below_gate >= CLEAR_AFTER_READINGS else None
+        event.readings_below_gate = 0
         if (kind, sensor) != (event.kind, event.sensor):
             event.kind, event.sensor, event.changed = Kind(kind), Sensor(sensor), True
-        if t_us - event.stated_us < (CHANGE_AFTER_US if event.changed else UPDATE_EVERY_US):
+        if t_us - event.updated_us < (CHANGE_AFTER_US if event.changed else UPDATE_EVERY_US):
             return None
-        event.stated_us, event.changed = t_us, False
+        event.updated_us, event.changed = t_us, False
         return Phase.UPDATE
 
-    def _state(self, phase: Phase, of: _Of, verdict: np.void) -> AnomalyEvent:
+    def _event(self, phase: Phase, of: _Subject, verdict: np.void) -> AnomalyEvent:
         event = self._open[of.row]
         follower, suspect = self._vehicles.id_of[of.row], self._vehicles.id_of[of.suspect]
         assert follower is not None

@@ -15,7 +15,7 @@ from headway.core.types.records import READING, Records
 from headway.core.types.step_result import Evidence
 
 
-class Memory(NamedTuple):
+class EvidenceRings(NamedTuple):
     """Of each of C rows the last R readings in a ring, with the leader at each, and two checkpoints."""
 
     readings: Records
@@ -29,18 +29,18 @@ class Memory(NamedTuple):
 
 
 @njit(cache=True)
-def remember(memory: Memory, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
+def store_readings(rings: EvidenceRings, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
     """Take in the readings that `rows` (B,) are about to be judged by, and whom they follow; call before any steps."""
-    size = memory.readings.shape[1]
+    size = rings.readings.shape[1]
     half = size // 2
     for i in range(rows.size):
         row = rows[i]
-        count = memory.counts[row]
+        count = rings.counts[row]
         if count % half == 0:
-            memory.checkpoints[row, (count // half) % 2] = bank[row]
-        memory.readings[row, count % size] = readings[i]
-        memory.leaders[row, count % size] = leaders[i]
-        memory.counts[row] = count + 1
+            rings.checkpoints[row, (count // half) % 2] = bank[row]
+        rings.readings[row, count % size] = readings[i]
+        rings.leaders[row, count % size] = leaders[i]
+        rings.counts[row] = count + 1
 
 
 class EvidenceStore:
@@ -49,7 +49,7 @@ class EvidenceStore:
     def __init__(self, bank: Records, readings: int) -> None:
         if readings < 2 or readings % 2:
             raise ValueError(f"evidence needs an even number of readings, at least 2: got {readings}")
-        self.memory = Memory(
+        self.rings = EvidenceRings(
             np.zeros((bank.size, readings), READING),
             np.zeros((bank.size, readings), np.int32),
             np.zeros((bank.size, 2), bank.dtype),
@@ -58,19 +58,19 @@ class EvidenceStore:
 
     def of(self, row: int) -> Evidence:
         """Return what replays the newest verdict of a row."""
-        memory = self.memory
-        count, size = int(memory.counts[row]), memory.readings.shape[1]
+        rings = self.rings
+        count, size = int(rings.counts[row]), rings.readings.shape[1]
         half = size // 2
         first = max(0, (count - 1) // half - 1) * half
         places = np.arange(first, count) % size
         # As bytes: numpy would copy a record field by field.
-        checkpoint = memory.checkpoints.view(np.uint8).reshape(memory.counts.size, 2, -1)[row, (first // half) % 2]
+        checkpoint = rings.checkpoints.view(np.uint8).reshape(rings.counts.size, 2, -1)[row, (first // half) % 2]
         return Evidence(
-            checkpoint=checkpoint.copy().view(memory.checkpoints.dtype)[0],
-            readings=memory.readings[row, places],
-            leaders=memory.leaders[row, places].astype(np.int64),
+            checkpoint=checkpoint.copy().view(rings.checkpoints.dtype)[0],
+            readings=rings.readings[row, places],
+            leaders=rings.leaders[row, places].astype(np.int64),
         )
 
-    def forget(self, rows: I64) -> None:
+    def clear(self, rows: I64) -> None:
         """Drop everything about `rows`: their banks were changed by something else than readings."""
-        self.memory.counts[rows] = 0
+        self.rings.counts[rows] = 0

@@ -22,30 +22,30 @@ class MissLog:
         """Return how many misses are under way."""
         return len(self._ids)
 
-    def begin(self, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
-        """State that a row is silent since its message of event time `t_us`, received at `heard_us`."""
+    def begin(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
+        """State that a row is silent since its message of event time `t_us`, received at `last_received_us`."""
         self._ids[row] = f"{self._vehicles.id_of[row]}-{t_us}-{Kind.MISS.label}"
         self.active[row] = True
-        return self._state(Phase.ONSET, row, leader, t_us, heard_us)
+        return self._event(Phase.ONSET, row, leader, t_us, last_received_us)
 
-    def end(self, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+    def end(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
         """State that a silent row was heard again, or is forgotten."""
-        event = self._state(Phase.CLEARED, row, leader, t_us, heard_us)
+        event = self._event(Phase.CLEARED, row, leader, t_us, last_received_us)
         del self._ids[row]
         self.active[row] = False
         return event
 
-    def under_way(self, rows: I64) -> list[OpenMiss]:
+    def snapshot(self, rows: I64) -> list[OpenMiss]:
         """Return the misses of `rows` (n,)."""
         return [OpenMiss(int(row), self._ids[int(row)]) for row in rows[self.active[rows]]]
 
-    def resume(self, misses: list[OpenMiss]) -> None:
+    def restore(self, misses: list[OpenMiss]) -> None:
         """Go on with these misses; nothing is said of it."""
         for miss in misses:
             self._ids[miss.row] = miss.event_id
             self.active[miss.row] = True
 
-    def _state(self, phase: Phase, row: int, leader: int, t_us: int, heard_us: int) -> AnomalyEvent:
+    def _event(self, phase: Phase, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
         suspect = self._vehicles.id_of[row]
         assert suspect is not None
         nothing = float("nan")
@@ -59,7 +59,7 @@ class MissLog:
             leader=self._vehicles.id_of[leader] if leader >= 0 else None,
             follower=suspect,
             t_us=t_us,
-            received_us=heard_us,
+            received_us=last_received_us,
             nis=nothing,
             gate=nothing,
             statistic=nothing,

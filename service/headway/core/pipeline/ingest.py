@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from headway.core.events.evidence import remember
+from headway.core.events.evidence import store_readings
 from headway.core.pipeline.build_readings import gather
 from headway.core.pipeline.tables import Columns, Tables
 from headway.core.tracking.tracks import advance
@@ -24,7 +24,7 @@ class Entered(NamedTuple):
     leaders: I64
     """(n,) row of each one's leader, NOBODY for none."""
     readings: Records
-    heard_us: I64
+    last_received_us: I64
     """(n,) when each vehicle was heard before."""
     silent_us: I64
     """(n,) step in event time that brought each back."""
@@ -52,9 +52,9 @@ def enter(
     """
     tracks = tables.tracks
     rows = all_rows[wave]
-    heard_us, silent_us = np.empty(wave.size, np.int64), np.empty(wave.size, np.int64)
+    last_received_us, silent_us = np.empty(wave.size, np.int64), np.empty(wave.size, np.int64)
     for i in range(wave.size):
-        heard_us[i], silent_us[i] = tracks[rows[i]].received_us, -tracks[rows[i]].t_us
+        last_received_us[i], silent_us[i] = tracks[rows[i]].received_us, -tracks[rows[i]].t_us
     outcome = np.empty(wave.size, np.uint8)
     missed, began = np.empty(wave.size, np.int64), np.empty(wave.size, np.bool_)
     advance(
@@ -79,11 +79,11 @@ def enter(
     for i in range(wave.size):
         if began[i]:
             tables.bank_bytes[rows[i]] = 0
-            tables.memory.counts[rows[i]] = 0
+            tables.rings.counts[rows[i]] = 0
         if outcome[i] != _SCORED:
             out_outcomes[wave[i]] = outcome[i]
             continue
-        places[n], rows[n], heard_us[n] = wave[i], rows[i], heard_us[i]
+        places[n], rows[n], last_received_us[n] = wave[i], rows[i], last_received_us[i]
         silent_us[n] = silent_us[i] + batch.t_us[wave[i]]
         n += 1
     places, rows = places[:n], rows[:n]
@@ -101,5 +101,5 @@ def enter(
         readings,
         leaders,
     )
-    remember(tables.memory, tables.bank, rows, readings, leaders)
-    return Entered(places, rows, leaders, readings, heard_us[:n], silent_us[:n], missed.sum())
+    store_readings(tables.rings, tables.bank, rows, readings, leaders)
+    return Entered(places, rows, leaders, readings, last_received_us[:n], silent_us[:n], missed.sum())

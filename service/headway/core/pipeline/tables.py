@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.events.evidence import Memory
+from headway.core.events.evidence import EvidenceRings
 from headway.core.tracking.spatial_index import Grid
 from headway.core.types.batch import F64, I64, Batch
 from headway.core.types.records import Records
@@ -24,7 +24,7 @@ class Tables(NamedTuple):
     newest: Records
     """Each vehicle's newest verdict."""
     judged_t_s: F64
-    memory: Memory
+    rings: EvidenceRings
     filter_active: NDArray[np.bool_]
     link_active: NDArray[np.bool_]
     miss_active: NDArray[np.bool_]

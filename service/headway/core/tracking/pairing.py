@@ -52,9 +52,9 @@ FRESH_US = 2_000_000
 
 PAIRING = np.dtype(
     [
-        ("serial", "i8"),  # of the follower's track when this row was begun
+        ("generation", "i8"),  # of the follower's track when this row was begun
         ("leader_row", "i8"),  # NOBODY: none; read it through `leader_of`
-        ("leader_serial", "i8"),
+        ("leader_generation", "i8"),
         ("challenger_row", "i8"),
         ("votes", "i8"),
         ("misses", "i8"),
@@ -88,10 +88,10 @@ def leader_of(tracks: Records, pairing: Records, row: int) -> int:
     """Return the row of the vehicle that `row` follows, or NOBODY: also when either row has changed hands since."""
     pair = pairing[row]
     leader_row: int = pair.leader_row
-    if leader_row == NOBODY or pair.serial != tracks[row].serial:
+    if leader_row == NOBODY or pair.generation != tracks[row].generation:
         return NOBODY
     leader = tracks[leader_row]
-    return leader_row if leader.t_us != 0 and leader.serial == pair.leader_serial else NOBODY
+    return leader_row if leader.t_us != 0 and leader.generation == pair.leader_generation else NOBODY
 
 
 @njit(cache=True)
@@ -122,7 +122,7 @@ def look(
         row = rows[i]
         out_changed[i] = False
         track, pair = tracks[row], pairing[row]
-        if pair.serial != track.serial:
+        if pair.generation != track.generation:
             _begin(pair, track, row)
         if track.t_us - pair.look_us < LOOK_EVERY_US - 33_000 + _spread_us(row):
             continue
@@ -154,7 +154,7 @@ def gaps_m(tracks: Records, pairing: Records, rows: I64, out_gap_m: F64) -> None
 @njit(cache=True)
 def _begin(pair: Any, track: Any, row: int) -> None:
     """Start a row without a leader, its first look up to half a second away."""
-    pair.serial = track.serial
+    pair.generation = track.generation
     pair.leader_row = pair.challenger_row = NOBODY
     pair.votes = pair.misses = pair.doubts = 0
     pair.look_us = track.t_us - 7 * _spread_us(row)
@@ -196,7 +196,7 @@ def _look_once(
     votes_needed = VOTES_TO_REPLACE if leader_ahead_m > 0.0 else VOTES_TO_LEAD
     if found_row != NOBODY and (declared or pair.votes >= votes_needed):
         pair.leader_row = found_row
-        pair.leader_serial = tracks[found_row].serial
+        pair.leader_generation = tracks[found_row].generation
         pair.offset_m = follower.base_x_m + ahead_m - tracks[found_row].base_x_m
         pair.look_x_m = follower.base_x_m
         pair.challenger_row = NOBODY

@@ -2,8 +2,8 @@
 
 Silence alone proves nothing: the vehicle may have left, changed its pseudonym, or the roadside unit itself may be deaf.
 A miss is stated while it lasts when the car ahead or the car behind is still heard, and afterwards when the sender
-comes back and others were heard meanwhile. It is never stated before `silence_timeout_s`: congestion control may
-stretch the interval to 600 ms (SAE J2945/1).
+comes back and others were heard meanwhile. It is never stated before `silence_timeout_s`: congestion control may stretch the
+interval to 600 ms (SAE J2945/1).
 """
 
 import math
@@ -19,7 +19,7 @@ from headway.core.types.records import Records
 INTERVALS = 3.0
 """A sender is late after so many of its own mean intervals."""
 
-RENAMED_WITHIN_M, RENAMED_SHARE = 5.0, 0.2
+PSEUDONYM_WITHIN_M, PSEUDONYM_TRAVEL_SHARE = 5.0, 0.2
 """A new vehicle this near to where a silent one would be (plus a share of the way it may have gone) is that vehicle."""
 
 
@@ -30,81 +30,81 @@ def limit_us(interval_s: float, silence_timeout_s: float) -> int:
 
 
 @njit(cache=True)
-def last_witness_us(heard_us: I64, rows: I64, leaders: I64) -> I64:
+def last_neighbour_us(last_received_us: I64, rows: I64, leaders: I64) -> I64:
     """Return, for each of `rows` (B,), when its leader or any of its followers was last heard; 0 without any.
 
-    `heard_us` is (C,), `leaders` (B,) the row of each one's leader, -1 for none.
+    `last_received_us` is (C,), `leaders` (B,) the row of each one's leader, -1 for none.
     """
-    witness = np.zeros(heard_us.size, np.int64)
+    neighbour = np.zeros(last_received_us.size, np.int64)
     for i in range(rows.size):
         if leaders[i] >= 0:
-            witness[leaders[i]] = max(witness[leaders[i]], heard_us[rows[i]])
+            neighbour[leaders[i]] = max(neighbour[leaders[i]], last_received_us[rows[i]])
     for i in range(rows.size):
         if leaders[i] >= 0:
-            witness[rows[i]] = max(witness[rows[i]], heard_us[leaders[i]])
-    return witness[rows]
+            neighbour[rows[i]] = max(neighbour[rows[i]], last_received_us[leaders[i]])
+    return neighbour[rows]
 
 
 @njit(cache=True)
-def late(
+def overdue(
     tracks: Records,
     rows: I64,
     leaders: I64,
-    excused: NDArray[np.bool_],
+    ignored: NDArray[np.bool_],
     now_us: int,
     silence_timeout_s: float,
     warming_readings: int,
 ) -> NDArray[np.bool_]:
     """Return which of `rows` (B,) are silent beyond their limit while a neighbour has been heard since.
 
-    `leaders` (B,) is the row of each one's leader, -1 for none; `excused` (C,) are rows not to be looked at.
+    `leaders` (B,) is the row of each one's leader, -1 for none; `ignored` (C,) are rows not to be looked at.
     """
-    witness_us = last_witness_us(tracks["received_us"], rows, leaders)
+    neighbour_us = last_neighbour_us(tracks["received_us"], rows, leaders)
     found = np.zeros(rows.size, np.bool_)
     for i in range(rows.size):
         track = tracks[rows[i]]
-        if excused[rows[i]] or track.count <= warming_readings:
+        if ignored[rows[i]] or track.count <= warming_readings:
             continue
         limit = limit_us(track.interval_s, silence_timeout_s)
-        found[i] = now_us - track.received_us > limit and witness_us[i] > track.received_us + limit // 2
+        found[i] = now_us - track.received_us > limit and neighbour_us[i] > track.received_us + limit // 2
     return found
 
 
 @njit(cache=True)
-def renamed(tracks: Records, first_heard_us: I64, silent_row: int, rows: I64) -> bool:
+def pseudonym_changed(tracks: Records, first_received_us: I64, silent_row: int, rows: I64) -> bool:
     """Whether one of `rows` (B,) that began since is where this one would be by now: a new pseudonym, not a miss."""
     track = tracks[silent_row]
     east_per_deg, north_per_deg = metres_per_degree(track.lat_deg)
     for i in range(rows.size):
-        if first_heard_us[rows[i]] <= track.received_us:
+        if first_received_us[rows[i]] <= track.received_us:
             continue
         other = tracks[rows[i]]
         ahead_m = track.v_mps * 1e-6 * (other.t_us - track.t_us)
         east_m = (other.lon_deg - track.lon_deg) * east_per_deg - ahead_m * track.heading_east
         north_m = (other.lat_deg - track.lat_deg) * north_per_deg - ahead_m * track.heading_north
-        if math.hypot(east_m, north_m) < RENAMED_WITHIN_M + RENAMED_SHARE * abs(ahead_m):
+        if math.hypot(east_m, north_m) < PSEUDONYM_WITHIN_M + PSEUDONYM_TRAVEL_SHARE * abs(ahead_m):
             return True
     return False
 
 
-class Ear:
+class ReceptionMonitor:
     """When anything at all was heard, in buckets of 100 ms over the last minute: our own deafness is nobody's miss."""
 
     BUCKET_US = 100_000
     BUCKETS = 600
-    OPEN_SHARE = 0.8
+    RECEIVING_SHARE = 0.8
 
     def __init__(self) -> None:
-        self._heard: I64 = np.zeros(self.BUCKETS, np.int64)
+        self._receiving: I64 = np.zeros(self.BUCKETS, np.int64)
 
-    def hear(self, received_us: I64) -> None:
+    def record(self, received_us: I64) -> None:
         """Take in the receive times of a batch."""
         buckets = received_us // self.BUCKET_US
-        self._heard[buckets % self.BUCKETS] = buckets
+        self._receiving[buckets % self.BUCKETS] = buckets
 
-    def was_open(self, from_us: int, to_us: int) -> bool:
+    def was_receiving(self, from_us: int, to_us: int) -> bool:
         """Whether others were heard most of the time strictly between two receive times."""
         buckets = np.arange(from_us // self.BUCKET_US + 1, to_us // self.BUCKET_US)[-self.BUCKETS :]
         if buckets.size == 0:
             return False
-        return bool((self._heard[buckets % self.BUCKETS] == buckets).mean() >= self.OPEN_SHARE)
+        return bool((self._receiving[buckets % self.BUCKETS] == buckets).mean() >= self.RECEIVING_SHARE)

@@ -61,7 +61,7 @@ TRACK = np.dtype(
     [
         ("t_us", "i8"),  # event time of the newest reading; 0: the row is free
         ("received_us", "i8"),
-        ("serial", "i8"),  # changes whenever x_m begins anew, be it another vehicle or the same one after a silence
+        ("generation", "i8"),  # changes whenever x_m begins anew, be it another vehicle or the same one after a silence
         ("msg_cnt", "i8"),
         ("count", "i8"),  # readings since x_m began
         ("step_s", "f8"),  # event time between the last two readings
@@ -98,11 +98,11 @@ def new_tracks(capacity: int) -> Records:
     return np.zeros(capacity, TRACK)
 
 
-def forget(tracks: Records, rows: I64) -> None:
+def evict(tracks: Records, rows: I64) -> None:
     """Free the rows. Their serial goes on, so that nobody takes the next vehicle there for this one."""
-    serial = tracks["serial"][rows] + 1
+    generation = tracks["generation"][rows] + 1
     wipe(tracks, rows)
-    tracks["serial"][rows] = serial
+    tracks["generation"][rows] = generation
 
 
 @njit(cache=True)
@@ -211,7 +211,7 @@ def _begin(track: Any, lat_deg: float, lon_deg: float) -> None:
         track.length_m = DEFAULT_LENGTH_M
         track.accuracy_m = np.nan
         track.interval_s = _FIRST_INTERVAL_S
-    track.serial += 1
+    track.generation += 1
     track.count = 0
     track.step_s = 0.0
     track.heading_east = track.heading_north = 0.0

@@ -5,30 +5,30 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.tracking.id_index import enrol, find, new_directory, strike
-from headway.core.types.batch import I64, Names
-from headway.core.types.identifiers import names, words
+from headway.core.tracking.id_index import find, insert, new_id_index, remove
+from headway.core.types.batch import I64, Ids
+from headway.core.types.identifiers import id_column, id_words
 
 
 class VehicleTable:
-    """Ids to rows, both ways. `serial` tells a row's tenants apart: it changes whenever a row changes hands."""
+    """Ids to rows, both ways. `generation` tells a row's tenants apart: it changes whenever a row changes hands."""
 
     def __init__(self, capacity: int) -> None:
-        self._directory = new_directory(capacity)
+        self._id_index = new_id_index(capacity)
         self.id_of: list[str | None] = [None] * capacity
-        self.serial: I64 = np.zeros(capacity, np.int64)
+        self.generation: I64 = np.zeros(capacity, np.int64)
         self.in_use: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
         self._free = list(range(capacity - 1, -1, -1))
-        self._serial = 0
+        self._generation = 0
 
     def __len__(self) -> int:
         """Return how many vehicles are known."""
         return len(self.id_of) - len(self._free)
 
-    def rows(self, ids: Names) -> I64:
+    def rows(self, ids: Ids) -> I64:
         """Return (B,) the row of each id; -1 where it has none, and where there is no id."""
         rows = np.empty(ids.size, np.int64)
-        find(self._directory, words(ids), rows)
+        find(self._id_index, id_words(ids), rows)
         return rows
 
     def admit(self, ids: Iterable[str]) -> list[int]:
@@ -41,31 +41,31 @@ class VehicleTable:
             if not self._free:
                 break
             row = self._free.pop()
-            self._take(row, vehicle)
+            self._assign(row, vehicle)
             given.append(row)
         return given
 
-    def seat(self, rows: I64, ids: list[str]) -> None:
+    def restore(self, rows: I64, ids: list[str]) -> None:
         """Give these free `rows` (n,) to these new `ids`."""
         taken = dict(zip(rows.tolist(), ids, strict=True))
         self._free = [row for row in self._free if row not in taken]
         for row, vehicle in taken.items():
-            self._take(row, vehicle)
+            self._assign(row, vehicle)
 
-    def forget(self, row: int) -> None:
+    def evict(self, row: int) -> None:
         """Free a row."""
         vehicle = self.id_of[row]
         if vehicle is None:
             raise ValueError(f"row {row} is free already")
-        strike(self._directory, row)
+        remove(self._id_index, row)
         self.id_of[row] = None
         self.in_use[row] = False
-        self.serial[row] = 0
+        self.generation[row] = 0
         self._free.append(row)
 
-    def _take(self, row: int, vehicle: str) -> None:
-        self._serial += 1
-        enrol(self._directory, row, words(names([vehicle])), 0)
+    def _assign(self, row: int, vehicle: str) -> None:
+        self._generation += 1
+        insert(self._id_index, row, id_words(id_column([vehicle])), 0)
         self.id_of[row] = vehicle
-        self.serial[row] = self._serial
+        self.generation[row] = self._generation
         self.in_use[row] = True

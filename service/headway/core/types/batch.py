@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
-Names = NDArray[np.bytes_]
+Ids = NDArray[np.bytes_]
 """Identifiers, ASCII, of up to 64 characters each."""
 
 
@@ -20,8 +20,8 @@ class Batch:
     sensor: who is ahead, how far from its reference point, and how fast the distance grows.
     """
 
-    ids: Names
-    leader_ids: Names
+    ids: Ids
+    leader_ids: Ids
     """Empty where none is declared."""
     msg_cnt: I64
     t_us: I64

@@ -17,11 +17,11 @@ class OpenEvent(NamedTuple):
     event_id: str
     kind: int
     sensor: int
-    stated_us: int
+    updated_us: int
     """Event time of the last statement."""
     changed: bool
     """Whether kind or sensor have become others since."""
-    quiet: int
+    readings_below_gate: int
     """Readings without an alarm since the last one with."""
 
 
@@ -45,17 +45,17 @@ class Snapshot:
     tables: dict[str, NDArray[Any]]
     """(n,) of each table by its name, copies."""
     events: list[OpenEvent]
-    link_events: list[OpenEvent]
+    pair_events: list[OpenEvent]
     misses: list[OpenMiss]
 
 
-def whole(parts: Sequence[Snapshot]) -> Snapshot:
+def concatenate(parts: Sequence[Snapshot]) -> Snapshot:
     """Return one snapshot of all the vehicles in `parts`, of which there is at least one."""
     return Snapshot(
         rows=np.concatenate([part.rows for part in parts]),
         ids=[name for part in parts for name in part.ids],
         tables={name: np.concatenate([part.tables[name] for part in parts]) for name in parts[0].tables},
         events=[event for part in parts for event in part.events],
-        link_events=[event for part in parts for event in part.link_events],
+        pair_events=[event for part in parts for event in part.pair_events],
         misses=[miss for part in parts for miss in part.misses],
     )

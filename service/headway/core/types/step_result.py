@@ -61,7 +61,7 @@ class AnomalyEvent:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Turn:
+class StepResult:
     """Result of `Engine.step`."""
 
     outcomes: NDArray[np.uint8]
@@ -71,11 +71,11 @@ class Turn:
     """nis of the scored readings, for the consistency metric."""
     anomalous: int = 0
     """Scored readings beyond the gate."""
-    missed_messages: int = 0
+    sequence_gaps: int = 0
     """Messages that the senders' counters say were sent and never came."""
     repairs: int = 0
     restarts: int = 0
-    forgotten: int = 0
+    evicted: int = 0
     leader_changes: int = 0
 
 

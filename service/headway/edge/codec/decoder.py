@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from headway.core.types.batch import F64, I64, Batch, Names
-from headway.core.types.identifiers import NAME_BYTES, names
+from headway.core.types.batch import F64, I64, Batch, Ids
+from headway.core.types.identifiers import ID_BYTES, id_column
 from headway.core.types.outcome import Outcome
 from headway.edge.codec import msgpack_columns
 from headway.edge.codec.layout import Layout
@@ -160,7 +160,7 @@ class Codec:
             sources = sources[kept]
             ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
             numbers = {name: column[kept] for name, column in numbers.items()}
-        batch = _batch(names(ids), names(leader_ids), numbers, arrivals, sources)
+        batch = _batch(id_column(ids), id_column(leader_ids), numbers, arrivals, sources)
         return Decoded(batch, sources, rejections)
 
     def records_in(self, arrivals: Sequence[Arrival]) -> int:
@@ -209,7 +209,7 @@ class Codec:
         if len(self._owners) >= _REMEMBERED_MAX:
             self._owners.clear()
         owner = _ANYONE if is_gateway(sender) else sender
-        return self._owners.setdefault(key, owner.encode().ljust(NAME_BYTES, b"\0"))
+        return self._owners.setdefault(key, owner.encode().ljust(ID_BYTES, b"\0"))
 
     def _not_ids(self, values: list[Any]) -> NDArray[np.intp]:
         """Return the indices of values that are no identifiers."""
@@ -249,7 +249,7 @@ class Codec:
         return leader_ids, table.numbers
 
 
-def _batch(ids: Names, leader_ids: Names, numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64) -> Batch:
+def _batch(ids: Ids, leader_ids: Ids, numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64) -> Batch:
     received_us = np.fromiter(map(_RECEIVED_US, arrivals), np.int64, len(arrivals))
     return Batch(
         ids=ids,

@@ -9,8 +9,8 @@ from typing import Any, Final, NamedTuple
 import numpy as np
 from numba import njit
 
-from headway.core.types.batch import F64, I64, Names
-from headway.core.types.identifiers import NAME_BYTES, Words, same, words
+from headway.core.types.batch import F64, I64, Ids
+from headway.core.types.identifiers import ID_BYTES, Words, id_words, same
 from headway.edge.codec.layout import Layout
 from headway_schemas.bsm import Bsm, Leader
 from headway_schemas.keys import is_id
@@ -47,9 +47,9 @@ class Compact(NamedTuple):
 
     numbers: F64
     """(K, B) by `NAMES`, NaN where nothing is said."""
-    ids: Names
+    ids: Ids
     """(B,)"""
-    leader_ids: Names
+    leader_ids: Ids
     """(B,) empty where none is declared."""
     sizes: I64
     """(P,) records of each payload."""
@@ -62,10 +62,10 @@ def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> Compact
     """
     most = len(payloads) // OF_LEADER + 1  # a record that is complete is longer
     numbers, records = np.empty((len(NAMES), most)), np.empty_like(sizes)
-    ids, leader_ids = np.empty(most, f"S{NAME_BYTES}"), np.empty(most, f"S{NAME_BYTES}")
+    ids, leader_ids = np.empty(most, f"S{ID_BYTES}"), np.empty(most, f"S{ID_BYTES}")
     buffer = np.frombuffer(payloads, np.uint8)
-    owned = words(np.frombuffer(owners, f"S{NAME_BYTES}"))
-    count = _read(buffer, sizes, owned, bundle_max, LIMITS, numbers, words(ids), words(leader_ids), records)
+    owned = id_words(np.frombuffer(owners, f"S{ID_BYTES}"))
+    count = _read(buffer, sizes, owned, bundle_max, LIMITS, numbers, id_words(ids), id_words(leader_ids), records)
     if count < 0:
         return None
     return Compact(numbers[:, :count], ids[:count], leader_ids[:count], records)
@@ -173,7 +173,7 @@ def _identifier(buffer: Any, at: int, end: int, i: int, out_ids: Words) -> int:
         size, start = int(buffer[at + 1]), at + 2
     elif buffer[at] & 0xE0 != FIX_STRING:
         return -1
-    if not 0 < size <= NAME_BYTES or start + size > end:
+    if not 0 < size <= ID_BYTES or start + size > end:
         return -1
     out_ids[i] = 0
     for k in range(size):

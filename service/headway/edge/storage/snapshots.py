@@ -19,7 +19,7 @@ import structlog
 from numpy.typing import NDArray
 
 from headway.core.engine import Engine
-from headway.core.types.snapshot import OpenEvent, OpenMiss, Snapshot, whole
+from headway.core.types.snapshot import OpenEvent, OpenMiss, Snapshot, concatenate
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
 from headway.edge.worker import Outbox
@@ -140,7 +140,7 @@ def _writing(path: Path, maker: dict[str, float | str]) -> _Writing:
 
 
 def _chunks(part: Snapshot) -> Iterator[bytes | memoryview]:
-    beside = {name: getattr(part, name) for name in ("ids", "events", "link_events", "misses")}
+    beside = {name: getattr(part, name) for name in ("ids", "events", "pair_events", "misses")}
     yield json.dumps({"rows": part.rows.tolist(), **beside}).encode() + b"\n"
     for table in part.tables.values():
         yield table.view(np.uint8).data
@@ -156,7 +156,7 @@ def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArra
     other = sorted(name for name in maker.keys() | header["maker"] if maker.get(name) != header["maker"].get(name))
     if other:
         raise ValueError(f"made with another {', '.join(other)}")
-    return whole([_read_part(file, tables) for _ in range(header["parts"])])
+    return concatenate([_read_part(file, tables) for _ in range(header["parts"])])
 
 
 def _read_part(file: BytesIO, tables: Mapping[str, NDArray[Any]]) -> Snapshot:
@@ -167,6 +167,6 @@ def _read_part(file: BytesIO, tables: Mapping[str, NDArray[Any]]) -> Snapshot:
         ids=beside["ids"],
         tables={name: np.frombuffer(file.read(rows.size * t.itemsize), t.dtype) for name, t in tables.items()},
         events=[OpenEvent(*event) for event in beside["events"]],
-        link_events=[OpenEvent(*event) for event in beside["link_events"]],
+        pair_events=[OpenEvent(*event) for event in beside["pair_events"]],
         misses=[OpenMiss(*miss) for miss in beside["misses"]],
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from headway.core.types.outcome import LOSSES, Outcome
 from headway.core.types.records import Kind
-from headway.core.types.step_result import Phase, Turn
+from headway.core.types.step_result import Phase, StepResult
 from headway.edge.transport.message import Rejection
 
 _SIZE = max(Outcome) + 1
@@ -72,7 +72,7 @@ class Ledger:
         """Records that came in and were never looked at."""
         return {reason.label: self[reason] for reason in LOSSES}
 
-    def book(self, messages: int, rejections: list[Rejection], turn: Turn, shed: Mapping[Outcome, int]) -> None:
+    def book(self, messages: int, rejections: list[Rejection], turn: StepResult, shed: Mapping[Outcome, int]) -> None:
         """Enter one turn; `shed` are the bus's counts of records since the start."""
         self.turns += 1
         self.messages += messages
@@ -86,10 +86,10 @@ class Ledger:
         for event in turn.events:
             self.events[event.kind, event.phase] += 1
         self.anomalous += turn.anomalous
-        self.missed_messages += turn.missed_messages
+        self.missed_messages += turn.sequence_gaps
         self.repairs += turn.repairs
         self.restarts += turn.restarts
-        self.forgotten += turn.forgotten
+        self.forgotten += turn.evicted
         self.leader_changes += turn.leader_changes
 
     def _book_nis(self, nis: NDArray[np.float64]) -> None:
