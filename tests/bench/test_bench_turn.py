@@ -61,15 +61,15 @@ def test_a_look_for_the_leader(benchmark: BenchmarkFixture) -> None:
     stream = arrivals(1)
     engine = rig_after(stream, WARM_S * 10 * VEHICLES).engine
     rows = np.arange(VEHICLES)
-    nobody, changed = np.full(VEHICLES, pairing.NOBODY), np.empty(VEHICLES, np.bool_)
+    nobody, changed = np.full(VEHICLES, pairing.NO_LEADER), np.empty(VEHICLES, np.bool_)
     now_us = int(engine._tracks["received_us"].max())
 
     def prepare() -> None:
-        engine._pairing["look_us"] = 0
+        engine._pairing["search_us"] = 0
 
     benchmark.extra_info["readings"] = VEHICLES
     benchmark.pedantic(
-        pairing.look,
+        pairing.find_leaders,
         (engine._tracks, engine._pairing, engine._grid, rows, nobody, now_us, 200.0, 3.5, changed),
         setup=prepare,
         rounds=100,

@@ -8,9 +8,9 @@ import numpy as np
 from geographiclib.geodesic import Geodesic
 from numpy.typing import NDArray
 
-from headway.core.tracking.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
+from headway.core.tracking.pairing import NO_LEADER, find_leaders, gaps_m, leader_of, new_pairing
 from headway.core.tracking.spatial_index import new_grid
-from headway.core.tracking.tracks import advance, leave_crumb, new_tracks
+from headway.core.tracking.tracks import advance, extend_path_history, new_tracks
 from headway.core.types.batch import F64, I64
 from headway.core.types.records import Records
 
@@ -118,7 +118,7 @@ class World:
         n = len(rows)
         times = np.broadcast_to(np.asarray(t_us, np.int64), n).copy()
         outcome, x_m = np.empty(n, np.uint8), np.empty(n)
-        missed, began = np.empty(n, np.int64), np.empty(n, np.bool_)
+        sequence_gaps, initialised = np.empty(n, np.int64), np.empty(n, np.bool_)
         advance(
             self.tracks,
             rows,
@@ -134,20 +134,20 @@ class World:
             5.0,
             outcome,
             x_m,
-            missed,
-            began,
+            sequence_gaps,
+            initialised,
         )
-        return outcome, x_m, missed, began
+        return outcome, x_m, sequence_gaps, initialised
 
-    def leave_crumb(self, rows: I64, trusted: NDArray[np.bool_], v_mps: F64) -> None:
+    def extend_path_history(self, rows: I64, trusted: NDArray[np.bool_], v_mps: F64) -> None:
         """Pass the judgement on."""
-        leave_crumb(self.tracks, rows, trusted, v_mps)
+        extend_path_history(self.tracks, rows, trusted, v_mps)
 
-    def look(self, rows: I64, t_us: int, declared: dict[int, int] | None = None) -> NDArray[np.bool_]:
+    def find_leaders(self, rows: I64, t_us: int, declared: dict[int, int] | None = None) -> NDArray[np.bool_]:
         """Return which rows have another leader than before."""
         changed = np.empty(len(rows), np.bool_)
-        named = np.array([(declared or {}).get(int(row), NOBODY) for row in rows], np.int64)
-        look(self.tracks, self.pairing, self.grid, rows, named, t_us, self.range_m, self.lane_width_m, changed)
+        named = np.array([(declared or {}).get(int(row), NO_LEADER) for row in rows], np.int64)
+        find_leaders(self.tracks, self.pairing, self.grid, rows, named, t_us, self.range_m, self.lane_width_m, changed)
         return changed
 
     def leaders(self) -> list[int]:
@@ -200,7 +200,7 @@ class Record:
 
     def takeovers(self, row: int) -> list[tuple[float, int]]:
         """Return (time, new leader) of each change of leader of one car."""
-        at = np.flatnonzero(np.diff(self.leader[:, row], prepend=NOBODY))
+        at = np.flatnonzero(np.diff(self.leader[:, row], prepend=NO_LEADER))
         return [(round(float(self.t_s[k]), 3), int(self.leader[k, row])) for k in at]
 
 
@@ -223,7 +223,7 @@ def drive(
         start_s + STEP_S * np.arange(steps),
         np.full((steps, n), np.nan),
         np.full((steps, n), np.nan),
-        np.full((steps, n), NOBODY),
+        np.full((steps, n), NO_LEADER),
         np.full((steps, n), np.nan),
         np.zeros((steps, n), np.bool_),
     )
@@ -241,8 +241,8 @@ def drive(
         t_us = START_US + round(t_s * 1e6)
         _, x_m, _, _ = world.advance(rows, t_us, lat, lon, speed, heading, msg_cnt=k)
         true_v = np.array([cars[row].reading(t_s)[2] for row in rows])
-        world.leave_crumb(rows, np.array([trusted(int(row), t_s) for row in rows]), true_v)
-        record.changed[k, rows] = world.look(rows, t_us, declared)
+        world.extend_path_history(rows, np.array([trusted(int(row), t_s) for row in rows]), true_v)
+        record.changed[k, rows] = world.find_leaders(rows, t_us, declared)
         record.x_m[k, rows] = x_m
         record.v_mps[k, rows] = speed
         record.leader[k] = world.leaders()[:n]

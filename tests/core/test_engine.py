@@ -70,8 +70,8 @@ def test_a_false_location_is_an_event_that_names_the_sensor_and_carries_its_evid
 def test_a_rejected_reading_is_not_passed_on_to_the_follower() -> None:
     engine, platoon = Engine(CONFIG), Platoon(2)
     drive(engine, platoon, 50)
-    said = [event for _ in range(3) for event in step(engine, platoon.next({"car0": 30.0})).events]
-    assert {event.suspect for event in said} == {"car0"}
+    events = [event for _ in range(3) for event in step(engine, platoon.next({"car0": 30.0})).events]
+    assert {event.suspect for event in events} == {"car0"}
     states = engine.states()
     assert states.x_m[1] == pytest.approx(states.x_m[0], abs=0.5)
 
@@ -145,10 +145,10 @@ def test_the_order_within_a_batch_is_of_no_account() -> None:
 def test_silence_among_speaking_neighbours_is_a_miss_after_600_ms_and_ends_when_heard() -> None:
     engine, platoon = Engine(CONFIG), Platoon(3)
     drive(engine, platoon, 50)
-    said = []
+    events = []
     for k in range(15):
-        said += [(k, event) for event in step(engine, platoon.next(silent={"car1"})).events]
-    [(k, onset)] = said
+        events += [(k, event) for event in step(engine, platoon.next(silent={"car1"})).events]
+    [(k, onset)] = events
     assert 5 <= k <= 8  # 600 ms after the last reading at the earliest
     assert (onset.kind, onset.suspect, onset.leader, onset.phase) == (Kind.MISS, "car1", "car0", Phase.ONSET)
     ended = [event for event in drive(engine, platoon, 3) if event.kind is Kind.MISS]
@@ -182,16 +182,19 @@ def test_a_lone_vehicle_that_comes_back_was_missed_if_others_were_heard() -> Non
         records = far.next()
         assert step(engine, replace(records, lon_deg=records.lon_deg + 1.0)).events == []
         platoon.next()
-    said = step(engine, platoon.next()).events
-    assert [(event.kind, event.phase) for event in said] == [(Kind.MISS, Phase.ONSET), (Kind.MISS, Phase.CLEARED)]
+    events = step(engine, platoon.next()).events
+    assert [(event.kind, event.phase) for event in events] == [
+        (Kind.MISS, Phase.ONSET),
+        (Kind.MISS, Phase.CLEARED),
+    ]
 
 
 def test_a_change_of_pseudonym_is_not_a_miss() -> None:
     engine, platoon = Engine(CONFIG), Platoon(3)
     drive(engine, platoon, 50)
     for _ in range(15):
-        said = step(engine, platoon.next(rename={"car1": "someone-else"})).events
-        assert [event for event in said if event.kind is Kind.MISS] == []
+        events = step(engine, platoon.next(rename={"car1": "someone-else"})).events
+        assert [event for event in events if event.kind is Kind.MISS] == []
 
 
 def test_the_forgotten_leave_nothing_behind() -> None:

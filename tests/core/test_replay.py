@@ -8,7 +8,7 @@ from core.traffic import batch
 from sim.lying import NAMES, drive
 
 from headway.core.engine import Engine
-from headway.core.pipeline.detectors import judges
+from headway.core.pipeline.detectors import build_detectors
 from headway.core.replay import bank_row, replay
 from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Kind, Records, Sensor
@@ -17,13 +17,13 @@ from headway.core.types.step_result import AnomalyEvent, Phase
 CONFIG = DetectorConfig(model="aekf", vehicle_capacity=8, warming_readings=20)
 
 
-def said_in_a_drive(config: DetectorConfig, seed: int) -> list[AnomalyEvent]:
-    engine, said = Engine(config), list[AnomalyEvent]()
+def events_of_a_drive(config: DetectorConfig, seed: int) -> list[AnomalyEvent]:
+    engine, events = Engine(config), list[AnomalyEvent]()
     for now in drive(seed):
         leaders: list[str | None] = [None, *NAMES[:-1]]
         records = batch(NAMES, now.x_m, now.v_mps, [now.t_us] * 3, now.k % 128, leader_ids=leaders, range_m=now.range_m)
-        said += engine.step(records, int(records.received_us.max())).events
-    return said
+        events += engine.step(records, int(records.received_us.max())).events
+    return events
 
 
 def numbers_said(event: AnomalyEvent) -> tuple[float, ...]:
@@ -40,13 +40,13 @@ def numbers_of(verdict: Records) -> tuple[float, ...]:
 @pytest.mark.parametrize(("model", "seed"), [("aekf", 1), ("aekf", 2), ("headway", 3)])
 def test_every_statement_is_replayed_bit_for_bit(model: str, seed: int) -> None:
     config = replace(CONFIG, model=model)
-    said = [event for event in said_in_a_drive(config, seed) if event.evidence is not None]
-    assert {event.sensor is Sensor.LINK for event in said} == {True, False}
-    assert {event.phase for event in said} == set(Phase)
-    for event in said:
+    events = [event for event in events_of_a_drive(config, seed) if event.evidence is not None]
+    assert {event.sensor is Sensor.LINK for event in events} == {True, False}
+    assert {event.phase for event in events} == set(Phase)
+    for event in events:
         assert event.evidence is not None
         again = replay(event.evidence, config)
-        verdict = (again.by_link if event.sensor is Sensor.LINK else again.by_filter)[-1]
+        verdict = (again.by_pair_tests if event.sensor is Sensor.LINK else again.by_filter)[-1]
         assert np.array(numbers_of(verdict)).tobytes() == np.array(numbers_said(event)).tobytes()
         assert bool(verdict["anomalous"]) == (event.phase is not Phase.CLEARED)
         if event.phase is not Phase.CLEARED:
@@ -56,7 +56,7 @@ def test_every_statement_is_replayed_bit_for_bit(model: str, seed: int) -> None:
 
 
 def test_evidence_that_was_tampered_with_gives_another_verdict() -> None:
-    event = next(event for event in said_in_a_drive(CONFIG, 1) if event.sensor is Sensor.LOCATION)
+    event = next(event for event in events_of_a_drive(CONFIG, 1) if event.sensor is Sensor.LOCATION)
     assert event.evidence is not None
     readings = event.evidence.readings.copy()
     readings["x_m"][-1] = np.nextafter(readings["x_m"][-1], np.inf)
@@ -65,7 +65,7 @@ def test_evidence_that_was_tampered_with_gives_another_verdict() -> None:
 
 
 def test_a_checkpoint_comes_back_from_its_bytes() -> None:
-    row = np.zeros((), judges(CONFIG).dtype)
+    row = np.zeros((), build_detectors(CONFIG).dtype)
     row["model"]["count"] = 7
     assert bank_row(row.tobytes(), CONFIG).tobytes() == row.tobytes()
     with pytest.raises(ValueError, match="bytes, where a row of this version has"):

@@ -1,4 +1,4 @@
-"""An engine that goes on from another's snapshot says what that one would have said."""
+"""An engine that goes on from another's snapshot gives the events that the first would have given."""
 
 from dataclasses import replace
 
@@ -43,7 +43,7 @@ def told(event: AnomalyEvent) -> AnomalyEvent:
 def test_the_restored_engine_goes_on_bit_for_bit(stride: int) -> None:
     platoon = Platoon(5)
     engine = driven(60, platoon)
-    said = step(engine, platoon.next({"car2": 9.0})).events
+    events = step(engine, platoon.next({"car2": 9.0})).events
     other = restored(engine, platoon.t_us, stride)
     assert (other.vehicles, other.pairs, other.active_events) == (5, 4, 1)
     for k in range(40):
@@ -52,12 +52,12 @@ def test_the_restored_engine_goes_on_bit_for_bit(stride: int) -> None:
         assert one.outcomes.tolist() == two.outcomes.tolist() == [Outcome.SCORED] * 5
         assert one.nis.tobytes() == two.nis.tobytes()
         assert list(map(told, one.events)) == list(map(told, two.events))
-        said += two.events
+        events += two.events
         for event in two.events:
             assert event.evidence is not None
             again = replay(event.evidence, CONFIG).by_filter[-1]
             assert (float(again["statistic"]), float(again["x_m"])) == (event.statistic, event.recovered[0])
-    assert [(event.suspect, event.phase) for event in said] == [
+    assert [(event.suspect, event.phase) for event in events] == [
         ("car2", Phase.ONSET), ("car2", Phase.CLEARED), ("car1", Phase.ONSET), ("car1", Phase.CLEARED),
     ]  # fmt: skip
 
@@ -67,20 +67,20 @@ def test_after_a_short_absence_vehicles_are_known_and_nobody_is_accused_of_it() 
     engine = driven(60, platoon)
     platoon.k += 30
     other = restored(engine, platoon.t_us)
-    said = []
+    events = []
     for k in range(20):
         turn = step(other, platoon.next(silent={"car2"} if k < 3 else None))
-        said += turn.events
+        events += turn.events
         assert set(turn.outcomes) == {Outcome.SCORED}
-    assert [event for event in said if event.kind is Kind.MISS] == []
+    assert [event for event in events if event.kind is Kind.MISS] == []
 
 
 def test_whoever_falls_silent_after_the_restart_is_missed() -> None:
     platoon = Platoon(3)
     other = restored(driven(60, platoon), platoon.t_us)
     step(other, platoon.next())
-    said = [event for _ in range(15) for event in step(other, platoon.next(silent={"car1"})).events]
-    assert [(event.kind, event.suspect) for event in said] == [(Kind.MISS, "car1")]
+    events = [event for _ in range(15) for event in step(other, platoon.next(silent={"car1"})).events]
+    assert [(event.kind, event.suspect) for event in events] == [(Kind.MISS, "car1")]
 
 
 def test_who_was_silent_for_too_long_is_not_known_again() -> None:

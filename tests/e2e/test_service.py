@@ -36,7 +36,7 @@ def car(service: Service) -> Iterator[zenoh.Session]:
 def test_a_start_that_had_to_compile_is_followed_by_one_without_a_compiler(tmp_path: Path) -> None:
     kernels = tmp_path / "kernels"
     shutil.copytree(os.environ["NUMBA_CACHE_DIR"], kernels)
-    for missing in kernels.rglob("reception.renamed*"):
+    for missing in kernels.rglob("reception.pseudonym_changed*"):
         missing.unlink()
     service = Service(tmp_path, {"NUMBA_CACHE_DIR": str(kernels)})
     said = [line["event"] for line in service.log()]

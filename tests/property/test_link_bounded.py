@@ -4,10 +4,10 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from headway.core.consistency.pair_tests import LINK, LINK_VERDICT, link_params, step_links
+from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, PAIR_TESTS, pair_test_params, step_pair_tests
 from headway.core.types.records import READING
 
-P = link_params(budget_per_hour=1.0)
+P = pair_test_params(budget_per_hour=1.0)
 ROWS, LEADERS = np.arange(2), np.array([-1, 0])
 
 
@@ -42,8 +42,8 @@ def told(rng: np.random.Generator, n: int, wild: float) -> np.ndarray:
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 1e6))
 def test_state_and_verdicts_stay_finite(seed: int, wild: float) -> None:
     readings = told(np.random.default_rng(seed), 600, wild)
-    links, verdicts = np.zeros(2, LINK), np.zeros(2, LINK_VERDICT)
+    pair_tests, verdicts = np.zeros(2, PAIR_TESTS), np.zeros(2, PAIR_TEST_VERDICT)
     for k in range(readings.shape[0]):
-        step_links(links, ROWS, LEADERS, readings[k], P, verdicts)
+        step_pair_tests(pair_tests, ROWS, LEADERS, readings[k], P, verdicts)
         assert finite(verdicts)
-    assert finite(links)
+    assert finite(pair_tests)

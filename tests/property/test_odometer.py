@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from headway.core.tracking.geodesy import metres_per_degree
-from headway.core.tracking.pairing import NOBODY, gaps_m, leader_of, look, new_pairing
+from headway.core.tracking.pairing import NO_LEADER, find_leaders, gaps_m, leader_of, new_pairing
 from headway.core.tracking.spatial_index import new_grid
-from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, X, advance, leave_crumb, new_tracks
+from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMB_X, CRUMBS, advance, extend_path_history, new_tracks
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
@@ -25,7 +25,7 @@ readings = st.tuples(
     st.just(math.nan) | st.floats(0.0, 360.0),
     st.booleans(),
 )
-waves = st.lists(
+rounds = st.lists(
     st.tuples(st.integers(-1_000_000, 7_000_000), st.lists(readings, min_size=ROWS, max_size=ROWS)),
     min_size=1,
     max_size=25,
@@ -42,20 +42,24 @@ def run(drive: list, order: NDArray[np.int64]) -> tuple[Records, Records]:
         times = np.full(ROWS, t_us)
         unknown = np.full(ROWS, np.nan)
         outcome, x_m = np.empty(ROWS, np.uint8), np.empty(ROWS)
-        missed, began, changed = np.empty(ROWS, np.int64), np.empty(ROWS, np.bool_), np.empty(ROWS, np.bool_)
+        sequence_gaps, initialised, changed = (
+            np.empty(ROWS, np.int64),
+            np.empty(ROWS, np.bool_),
+            np.empty(ROWS, np.bool_),
+        )
         counts = times // 100_000 % 128
         own = (times, times, counts, lat, lon, speed, heading, unknown, unknown)
-        advance(tracks, order, *own, MAX_GAP_S, outcome, x_m, missed, began)
+        advance(tracks, order, *own, MAX_GAP_S, outcome, x_m, sequence_gaps, initialised)
         ok = outcome == Outcome.SCORED
         assert (np.isfinite(x_m) == ok).all()
-        assert ((missed >= 0) & (missed < 128)).all()
-        leave_crumb(tracks, order[ok], trusted[ok], speed[ok])
-        look(tracks, pairing, grid, order[ok], (order[ok] + 1) % ROWS, t_us, 150.0, 3.6, changed)
+        assert ((sequence_gaps >= 0) & (sequence_gaps < 128)).all()
+        extend_path_history(tracks, order[ok], trusted[ok], speed[ok])
+        find_leaders(tracks, pairing, grid, order[ok], (order[ok] + 1) % ROWS, t_us, 150.0, 3.6, changed)
     return tracks, pairing
 
 
 @settings(deadline=None, max_examples=150)
-@given(waves)
+@given(rounds)
 def test_any_readings_leave_finite_bounded_tracks(drive: list) -> None:
     tracks, pairing = run(drive, np.arange(ROWS))
     for name in tracks.dtype.names:
@@ -67,17 +71,17 @@ def test_any_readings_leave_finite_bounded_tracks(drive: list) -> None:
     assert (np.isclose(size, 1.0) | (size == 0.0)).all()
     for track in tracks:
         back = (track["newest_crumb"] - np.arange(track["crumb_count"])) % CRUMBS
-        assert (np.diff(track["crumbs"][back, X]) <= -CRUMB_SPACING_M + 1e-3).all()
+        assert (np.diff(track["crumbs"][back, CRUMB_X]) <= -CRUMB_SPACING_M + 1e-3).all()
     for row in range(ROWS):
         leader, gap_m = leader_of(tracks, pairing, row), np.empty(1)
         gaps_m(tracks, pairing, np.array([row]), gap_m)
         assert leader != row
-        assert NOBODY <= leader < ROWS
-        assert np.isfinite(gap_m[0]) == (leader != NOBODY)
+        assert NO_LEADER <= leader < ROWS
+        assert np.isfinite(gap_m[0]) == (leader != NO_LEADER)
 
 
 @settings(deadline=None, max_examples=50)
-@given(waves, st.permutations(range(ROWS)))
+@given(rounds, st.permutations(range(ROWS)))
 def test_the_order_of_rows_within_a_wave_is_of_no_account(drive: list, order: list[int]) -> None:
     for one, other in zip(run(drive, np.arange(ROWS)), run(drive, np.array(order)), strict=True):
         assert one.tobytes() == other.tobytes()
@@ -102,5 +106,5 @@ def test_bad_positions_found_out_leave_no_trace(lies: dict[int, tuple[float, flo
         t_us, nan = np.array([START_US + k * 100_000]), np.array([np.nan])
         out = np.empty(1, np.uint8), x_m, np.empty(1, np.int64), np.empty(1, np.bool_)
         advance(tracks, row, t_us, t_us, np.array([k]), *one, nan, nan, MAX_GAP_S, *out)
-        leave_crumb(tracks, row, np.array([k not in lies]), np.array([20.0]))
+        extend_path_history(tracks, row, np.array([k not in lies]), np.array([20.0]))
     assert abs(x_m[0] - 118.0) < 0.01

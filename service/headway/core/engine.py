@@ -6,18 +6,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.consistency.pair_tests import link_said
+from headway.core.consistency.pair_tests import pair_verdicts
 from headway.core.events.event_log import EventLog
 from headway.core.events.evidence import EvidenceStore
 from headway.core.events.miss_log import MissLog
 from headway.core.pipeline import classify
-from headway.core.pipeline.detectors import judges
-from headway.core.pipeline.finalise import Concluded, conclude
-from headway.core.pipeline.ingest import Entered, enter
-from headway.core.pipeline.ordering import refuse_by_age, waves
+from headway.core.pipeline.detectors import build_detectors
+from headway.core.pipeline.finalise import Finalised, finalise
+from headway.core.pipeline.ingest import Ingested, ingest
+from headway.core.pipeline.ordering import reject_by_age, rounds
 from headway.core.pipeline.tables import Columns, Limits, Tables, columns
 from headway.core.runtime import rows as banks
-from headway.core.runtime.bound_kernel import of_first_types
+from headway.core.runtime.bound_kernel import bind_signature
 from headway.core.tracking import pairing, reception, spatial_index, tracks
 from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.batch import I64, Batch
@@ -55,43 +55,43 @@ class Engine:
     def __init__(self, config: DetectorConfig) -> None:
         capacity = config.vehicle_capacity
         self._config = config
-        judging = judges(config)
-        self._model, self._link_params = judging.model, judging.link_params
+        detectors = build_detectors(config)
+        self._model, self._pair_test_params = detectors.model, detectors.pair_test_params
         self._vehicles = VehicleTable(capacity)
         self._tracks = tracks.new_tracks(capacity)
         self._pairing = pairing.new_pairing(capacity)
         self._grid = spatial_index.new_grid(capacity)
-        self._bank = np.zeros(capacity, judging.dtype)
+        self._bank = np.zeros(capacity, detectors.dtype)
         self._verdicts = banks.verdicts(capacity)
-        self._judged_t_s = np.zeros(capacity)
+        self._verdict_t_s = np.zeros(capacity)
         self._evidence = EvidenceStore(self._bank, config.evidence_readings)
         self._events = EventLog(self._vehicles, self._evidence, capacity)
         self._pair_events = EventLog(self._vehicles, self._evidence, capacity, suffix="-link")
         self._misses = MissLog(self._vehicles, capacity)
-        self._seen = np.zeros(capacity, np.int64)
+        self._records_by_row = np.zeros(capacity, np.int64)
         self._reception = reception.ReceptionMonitor()
         self._first_received_us = np.zeros(capacity, np.int64)
         self._pseudonym_changed_us = np.zeros(capacity, np.int64)
         self._outage_until_us = 0
-        self._kept_house_us = 0
+        self._housekeeping_us = 0
         self.pairs = 0
         """Vehicles that follow somebody, as of the last housekeeping: any thread may read it, unlike the tables."""
         self._filters = self._bank["model"]
-        self._enter, self._conclude = of_first_types(enter), of_first_types(conclude)
-        self._step_batch = of_first_types(self._model.step_batch)
-        self._wave_tables = Tables(
+        self._ingest, self._finalise = bind_signature(ingest), bind_signature(finalise)
+        self._step_batch = bind_signature(self._model.step_batch)
+        self._round_tables = Tables(
             tracks=self._tracks,
             pairing=self._pairing,
             grid=self._grid,
             bank=self._bank,
             bank_bytes=self._bank.view(np.uint8).reshape(capacity, -1),
-            links=self._bank["link"],
-            newest=self._verdicts,
-            judged_t_s=self._judged_t_s,
+            pair_tests=self._bank["pair_tests"],
+            newest_verdicts=self._verdicts,
+            verdict_t_s=self._verdict_t_s,
             rings=self._evidence.rings,
-            filter_active=self._events.active,
-            link_active=self._pair_events.active,
-            miss_active=self._misses.active,
+            filter_event_active=self._events.active,
+            pair_event_active=self._pair_events.active,
+            miss_event_active=self._misses.active,
         )
         self._limits = Limits(
             config.max_gap_s,
@@ -120,18 +120,18 @@ class Engine:
         tally = _Tally([], [])
         if len(batch):
             max_age_us, max_ahead_us = self._config.max_age_s * 1e6, self._config.max_ahead_s * 1e6
-            refuse_by_age(batch.t_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
+            reject_by_age(batch.t_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
             rows = self._rows(batch, outcomes)
             declared = self._vehicles.rows(batch.leader_ids)
             self._reception.record(batch.received_us)
             numbers = columns(batch)
-            order, nth, count = waves(rows, batch.t_us, outcomes, self._seen)
+            order, nth, count = rounds(rows, batch.t_us, outcomes, self._records_by_row)
             for n in range(count):
-                wave = order if count == 1 else order[nth == n]
-                self._wave(numbers, rows, declared, wave, now_us, outcomes, tally)
-        if now_us - self._kept_house_us >= HOUSEKEEPING_US:
-            self._kept_house_us = now_us
-            self._keep_house(now_us, tally)
+                round_places = order if count == 1 else order[nth == n]
+                self._process_round(numbers, rows, declared, round_places, now_us, outcomes, tally)
+        if now_us - self._housekeeping_us >= HOUSEKEEPING_US:
+            self._housekeeping_us = now_us
+            self._housekeeping(now_us, tally)
         return StepResult(
             outcomes=outcomes,
             events=tally.events,
@@ -153,69 +153,80 @@ class Engine:
         rows = self._vehicles.rows(batch.ids)
         if rows.min() >= 0:
             return rows
-        strangers = np.flatnonzero((rows < 0) & (outcomes == _SCORED))
-        if strangers.size:
-            admitted = self._vehicles.admit({name.decode() for name in batch.ids[strangers].tolist()})
-            self._first_received_us[admitted] = batch.received_us[strangers].min()
+        unknown = np.flatnonzero((rows < 0) & (outcomes == _SCORED))
+        if unknown.size:
+            admitted = self._vehicles.admit({name.decode() for name in batch.ids[unknown].tolist()})
+            self._first_received_us[admitted] = batch.received_us[unknown].min()
             rows = self._vehicles.rows(batch.ids)
             outcomes[(rows < 0) & (outcomes == _SCORED)] = Outcome.TABLE_FULL
         return rows
 
-    def _wave(
+    def _process_round(
         self,
         batch: Columns,
         all_rows: I64,
         declared: I64,
-        wave: I64,
+        round_places: I64,
         now_us: int,
         outcomes: NDArray[np.uint8],
         tally: _Tally,
     ) -> None:
         """Take records of distinct vehicles through tracks, filter, pairing and events.
 
-        `wave` are their places in the batch and in `all_rows`, `declared` and `outcomes`, which are of all of it.
+        `round_places` are their places in the batch, and in `all_rows`, `declared` and `outcomes` of the whole batch.
         """
         limits = self._limits
-        entered = self._enter(self._wave_tables, batch, all_rows, declared, wave, limits.max_gap_s, outcomes)
-        verdicts = banks.verdicts(entered.rows.size)
-        self._step_batch(self._filters, entered.rows, entered.readings, self._model.params, verdicts)
-        done = self._conclude(
-            self._wave_tables, entered, declared, verdicts, now_us, limits, self._link_params, outcomes
+        ingested = self._ingest(self._round_tables, batch, all_rows, declared, round_places, limits.max_gap_s, outcomes)
+        verdicts = banks.verdicts(ingested.rows.size)
+        self._step_batch(self._filters, ingested.rows, ingested.readings, self._model.params, verdicts)
+        finalised = self._finalise(
+            self._round_tables, ingested, declared, verdicts, now_us, limits, self._pair_test_params, outcomes
         )
-        tally.sequence_gaps += entered.missed
-        tally.leader_changes += done.leader_changes
-        tally.nis.append(done.nis)
-        tally.anomalous += done.settled.anomalous
-        tally.repairs += done.settled.repairs
-        tally.restarts += done.settled.restarts
-        if done.settled.marks:
-            self._tell(batch, entered, verdicts, done, tally)
+        tally.sequence_gaps += ingested.sequence_gaps
+        tally.leader_changes += finalised.leader_changes
+        tally.nis.append(finalised.nis)
+        tally.anomalous += finalised.counts.anomalous
+        tally.repairs += finalised.counts.repairs
+        tally.restarts += finalised.counts.restarts
+        if finalised.counts.marks:
+            self._update_events(batch, ingested, verdicts, finalised, tally)
 
-    def _tell(self, batch: Columns, entered: Entered, verdicts: Records, done: Concluded, tally: _Tally) -> None:
+    def _update_events(
+        self, batch: Columns, ingested: Ingested, verdicts: Records, finalised: Finalised, tally: _Tally
+    ) -> None:
         """Show the logs of events what they have to look at."""
-        rows, leaders = entered.rows, entered.leaders
-        t_us, received_us = batch.t_us[entered.places], batch.received_us[entered.places]
-        if done.settled.marks & classify.FILTER:
-            at = np.flatnonzero(done.marks & classify.FILTER)
+        rows, leaders = ingested.rows, ingested.leaders
+        t_us, received_us = batch.t_us[ingested.places], batch.received_us[ingested.places]
+        if finalised.counts.marks & classify.FILTER_EVENT:
+            at = np.flatnonzero(finalised.marks & classify.FILTER_EVENT)
             row = rows[at]
             tally.events += self._events.judge(row, row, leaders[at], t_us[at], received_us[at], verdicts[at])
-        if done.settled.marks & classify.LINK:
-            at = np.flatnonzero(done.marks & classify.LINK)
-            self._judge_links(rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], done.links[at], tally)
-        if done.settled.marks & classify.BACK:
-            at = np.flatnonzero(done.marks & classify.BACK)
-            self._heard_again(rows[at], leaders[at], entered.last_received_us[at], t_us[at], received_us[at], tally)
+        if finalised.counts.marks & classify.PAIR_EVENT:
+            at = np.flatnonzero(finalised.marks & classify.PAIR_EVENT)
+            self._update_pair_events(
+                rows[at], leaders[at], t_us[at], received_us[at], verdicts[at], finalised.pair_tests[at], tally
+            )
+        if finalised.counts.marks & classify.REAPPEARED:
+            at = np.flatnonzero(finalised.marks & classify.REAPPEARED)
+            self._update_misses(rows[at], leaders[at], ingested.last_received_us[at], t_us[at], received_us[at], tally)
 
-    def _judge_links(
-        self, rows: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records, links: Records, tally: _Tally
+    def _update_pair_events(
+        self,
+        rows: I64,
+        leaders: I64,
+        t_us: I64,
+        received_us: I64,
+        verdicts: Records,
+        pair_tests: Records,
+        tally: _Tally,
     ) -> None:
         """Tell of pairs that the link tests speak of, or did until now; events name the suspect."""
-        said, odds = link_said(links, verdicts), links["follower_log_odds"]
+        pair_verdict, odds = pair_verdicts(pair_tests, verdicts), pair_tests["follower_log_odds"]
         suspects = np.where((odds < 0.0) & (leaders >= 0), leaders, rows)
-        tally.anomalous += int(said["anomalous"].sum())
-        tally.events += self._pair_events.judge(rows, suspects, leaders, t_us, received_us, said)
+        tally.anomalous += int(pair_verdict["anomalous"].sum())
+        tally.events += self._pair_events.judge(rows, suspects, leaders, t_us, received_us, pair_verdict)
 
-    def _heard_again(
+    def _update_misses(
         self, rows: I64, leaders: I64, last_received_us: I64, t_us: I64, received_us: I64, tally: _Tally
     ) -> None:
         """End the misses of vehicles that are back, and state those that no neighbour could bear witness to."""
@@ -228,7 +239,7 @@ class Engine:
                 tally.events.append(self._misses.begin(row, leader, int(t_us[i]), int(last_received_us[i])))
             tally.events.append(self._misses.end(row, leader, int(t_us[i]), int(received_us[i])))
 
-    def _keep_house(self, now_us: int, tally: _Tally) -> None:
+    def _housekeeping(self, now_us: int, tally: _Tally) -> None:
         """Look at who is silent, and forget who has been for long."""
         rows = np.flatnonzero(self._vehicles.in_use)
         last_received_us = self._tracks["received_us"]
@@ -276,7 +287,7 @@ class Engine:
         self.pairs = int((leaders >= 0).sum())
 
     def _leaders(self, rows: I64) -> I64:
-        """Return (B,) the row of each one's leader, NOBODY for none."""
+        """Return (B,) the row of each one's leader, NO_LEADER for none."""
         leaders = np.empty(rows.size, np.int64)
         pairing.leaders_of(self._tracks, self._pairing, rows, leaders)
         return leaders
@@ -338,9 +349,9 @@ class Engine:
         self._vehicles.restore(rows, [snapshot.ids[i] for i in kept])
         for name, table in self._tables.items():
             table[rows] = snapshot.tables[name][kept]
-        for column in ("leader_row", "challenger_row"):
+        for column in ("leader_row", "candidate_row"):
             whom = self._pairing[column][rows]
-            self._pairing[column][rows] = np.where(self._vehicles.in_use[whom], whom, pairing.NOBODY)
+            self._pairing[column][rows] = np.where(self._vehicles.in_use[whom], whom, pairing.NO_LEADER)
         self._events.restore([event for event in snapshot.events if self._vehicles.in_use[event.row]])
         self._pair_events.restore([event for event in snapshot.pair_events if self._vehicles.in_use[event.row]])
         self._misses.restore([miss for miss in snapshot.misses if self._vehicles.in_use[miss.row]])
@@ -356,7 +367,7 @@ class Engine:
             "pairing": self._pairing,
             "bank": self._bank,
             "verdicts": self._verdicts,
-            "judged_t_s": self._judged_t_s,
+            "verdict_t_s": self._verdict_t_s,
             "first_received_us": self._first_received_us,
         }
 

@@ -94,7 +94,7 @@ def replayed(event: Event) -> Explained:
     except (ValueError, KeyError) as error:
         return Explained(event, hindrance=f"another version made it: {error}")
     again = replay(evidence, config)
-    verdicts = again.by_link if event.sensor is wire.Sensor.LINK else again.by_filter
+    verdicts = again.by_pair_tests if event.sensor is wire.Sensor.LINK else again.by_filter
     return Explained(event, _compared(event, verdicts[-1]), evidence.readings, verdicts)
 
 

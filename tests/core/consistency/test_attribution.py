@@ -4,31 +4,31 @@ import numpy as np
 import pytest
 
 from headway.core.consistency.attribution import (
-    ALONE,
-    CALM,
-    DOUBT,
     FADE_S,
-    MOST,
+    FAULT_LOG_ODDS,
+    LOG_LIKELIHOOD_RATIO_MAX,
+    LOG_ODDS_MIN,
+    SURPRISE_MAX,
+    accumulate,
+    decayed,
     follower_log_odds,
-    held,
-    is_heard,
-    weigh,
+    is_recent,
 )
 
 T_S = 1000.0
 CARS = 4
 
 
-def doubts() -> np.ndarray:
+def pair_faults() -> np.ndarray:
     """The pairs of four cars, by follower; none was judged yet. The first car follows nobody."""
-    return np.zeros(CARS + 1, DOUBT)
+    return np.zeros(CARS + 1, FAULT_LOG_ODDS)
 
 
 def judge(pairs: np.ndarray, worths: dict[int, float], seconds: float = 4.0, t_s: float = T_S) -> None:
     """Steps at 2.5 Hz, each overlapping with four others, until `t_s`."""
     for k in range(round(seconds * 2.5)):
-        for follower, worth in worths.items():
-            weigh(pairs[follower], worth, 0.2, t_s - seconds + 0.4 * (k + 1))
+        for follower, log_likelihood_ratio in worths.items():
+            accumulate(pairs[follower], log_likelihood_ratio, 0.2, t_s - seconds + 0.4 * (k + 1))
 
 
 def log_odds(pairs: np.ndarray, follower: int, own: float = 0.0, due: float = 0.0, t_s: float = T_S) -> float:
@@ -37,51 +37,51 @@ def log_odds(pairs: np.ndarray, follower: int, own: float = 0.0, due: float = 0.
 
 @pytest.mark.parametrize("liar", range(CARS))
 def test_every_disturbed_pair_of_four_names_the_liar(liar: int) -> None:
-    pairs = doubts()
+    pairs = pair_faults()
     judge(pairs, {follower: 4.0 if liar in (follower, follower - 1) else -1.0 for follower in (1, 2, 3)})
     for follower in {liar, liar + 1} & {1, 2, 3}:
         assert (log_odds(pairs, follower) > 0.0) == (follower == liar)
 
 
 def test_a_pair_alone_is_decided_by_whose_motion_was_unusual() -> None:
-    pairs = doubts()
+    pairs = pair_faults()
     assert log_odds(pairs, 1) == 0.0
     assert log_odds(pairs, 1, own=2.0, due=0.5) == 1.5
     assert log_odds(pairs, 1, own=0.5, due=2.0) == -1.5
-    assert log_odds(pairs, 1, own=1e9) == ALONE == -log_odds(pairs, 1, due=1e9)
+    assert log_odds(pairs, 1, own=1e9) == SURPRISE_MAX == -log_odds(pairs, 1, due=1e9)
 
 
 def test_a_leader_who_is_known_to_answer_needs_no_usual_motion() -> None:
-    pairs = doubts()
+    pairs = pair_faults()
     judge(pairs, {1: -1.0})
-    assert log_odds(pairs, 2, due=9.0) == -held(pairs[1]["log_odds"], T_S, T_S) > 0.0
+    assert log_odds(pairs, 2, due=9.0) == -decayed(pairs[1]["log_odds"], T_S, T_S) > 0.0
 
 
 def test_a_witness_who_is_not_there_says_nothing() -> None:
-    pairs = doubts()
+    pairs = pair_faults()
     judge(pairs, {3: 5.0})
     assert log_odds(pairs, 2) == pytest.approx(pairs[3]["log_odds"])
     assert log_odds(pairs, 2, t_s=T_S + FADE_S + 0.1) == 0.0
 
 
 def test_doubt_adds_up_over_seconds_and_fades() -> None:
-    pairs = doubts()
+    pairs = pair_faults()
     judge(pairs, {1: 1.0}, seconds=20.0)
     assert pairs[1]["log_odds"] == pytest.approx(0.2 * (1.0 - exp(-20.0 / FADE_S)) / (1.0 - exp(-0.4 / FADE_S)))
-    assert held(pairs[1]["log_odds"], pairs[1]["t_s"], T_S + FADE_S) == pytest.approx(pairs[1]["log_odds"] / np.e)
-    assert is_heard(pairs[1], T_S + FADE_S)
-    assert not is_heard(pairs[2], T_S)
+    assert decayed(pairs[1]["log_odds"], pairs[1]["t_s"], T_S + FADE_S) == pytest.approx(pairs[1]["log_odds"] / np.e)
+    assert is_recent(pairs[1], T_S + FADE_S)
+    assert not is_recent(pairs[2], T_S)
 
 
 def test_long_calm_is_worth_no_more_than_a_few_seconds_of_it() -> None:
-    pairs = doubts()
+    pairs = pair_faults()
     judge(pairs, {1: -6.0}, seconds=600.0)
-    assert pairs[1]["log_odds"] == -CALM
+    assert pairs[1]["log_odds"] == LOG_ODDS_MIN
     judge(pairs, {1: 4.0}, t_s=T_S + 4.0)
     assert pairs[1]["log_odds"] > 0.0
 
 
 def test_no_reading_counts_for_more_than_its_cap() -> None:
-    pairs = doubts()
-    weigh(pairs[1], 1e300, 1.0, T_S)
-    assert pairs[1]["log_odds"] == MOST
+    pairs = pair_faults()
+    accumulate(pairs[1], 1e300, 1.0, T_S)
+    assert pairs[1]["log_odds"] == LOG_LIKELIHOOD_RATIO_MAX

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from core.estimation.following import follow
 
-from headway.core.consistency.forward_range import RANGING, RangingParams, ranging_relink, ranging_step
+from headway.core.consistency.forward_range import RANGING, RangingParams, ranging_reset_leader, ranging_step
 from headway.core.statistics.test_result import CHECK, check_budget
 
 P = RangingParams(check_budget(0.1))
@@ -99,7 +99,7 @@ def test_short_disputes_do_not_add_up_to_a_long_one() -> None:
 def test_a_new_leader_has_other_offsets() -> None:
     readings = ranged(60.0, 7)
     row, _ = run(readings[:300])
-    ranging_relink(row[0])
+    ranging_reset_leader(row[0])
     readings["range_m"][300:] += 2.0
     _, checks = run(readings[300:], row)
     assert checks["warming"][:90].all()

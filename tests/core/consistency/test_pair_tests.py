@@ -2,13 +2,13 @@ import numpy as np
 import pytest
 from core.estimation.following import LENGTH_M, START_S, dip, wave
 
-from headway.core.consistency.pair_tests import LINK, LINK_VERDICT, link_params, step_links
+from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, PAIR_TESTS, pair_test_params, step_pair_tests
 from headway.core.types.records import READING, Kind
 
 CARS = 4
 SECONDS = 80.0
 LIE_AT = 700
-P = link_params(budget_per_hour=1.0)
+P = pair_test_params(budget_per_hour=1.0)
 
 
 def platoon(with_range: bool, liar: int | None = None) -> np.ndarray:
@@ -47,10 +47,10 @@ def platoon(with_range: bool, liar: int | None = None) -> np.ndarray:
 def run(readings: np.ndarray, leaders: np.ndarray | None = None) -> np.ndarray:
     rows = np.arange(readings.shape[1])
     leaders = rows - 1 if leaders is None else leaders
-    links = np.zeros(rows.size, LINK)
-    verdicts = np.zeros(readings.shape, LINK_VERDICT)
+    pair_tests = np.zeros(rows.size, PAIR_TESTS)
+    verdicts = np.zeros(readings.shape, PAIR_TEST_VERDICT)
     for k in range(readings.shape[0]):
-        step_links(links, rows, leaders, readings[k], P, verdicts[k])
+        step_pair_tests(pair_tests, rows, leaders, readings[k], P, verdicts[k])
     return verdicts
 
 
@@ -90,37 +90,37 @@ def test_the_verdict_does_not_depend_on_the_order_of_a_wave() -> None:
     readings = platoon(with_range=True, liar=1)
     forward = run(readings)
     backwards = np.arange(CARS)[::-1].copy()
-    links = np.zeros(CARS, LINK)
+    pair_tests = np.zeros(CARS, PAIR_TESTS)
     for k in range(readings.shape[0]):
-        verdicts = np.zeros(CARS, LINK_VERDICT)
-        step_links(links, backwards, backwards - 1, readings[k][backwards].copy(), P, verdicts)
+        verdicts = np.zeros(CARS, PAIR_TEST_VERDICT)
+        step_pair_tests(pair_tests, backwards, backwards - 1, readings[k][backwards].copy(), P, verdicts)
         assert (verdicts["kind"][::-1] == forward["kind"][k]).all()
 
 
 def test_a_leader_who_is_another_car_begins_with_new_offsets() -> None:
     readings = platoon(with_range=True)
-    rows, links = np.arange(CARS), np.zeros(CARS, LINK)
-    verdicts = np.zeros(CARS, LINK_VERDICT)
+    rows, pair_tests = np.arange(CARS), np.zeros(CARS, PAIR_TESTS)
+    verdicts = np.zeros(CARS, PAIR_TEST_VERDICT)
     for k in range(600):
-        step_links(links, rows, rows - 1, readings[k], P, verdicts)
+        step_pair_tests(pair_tests, rows, rows - 1, readings[k], P, verdicts)
     assert not verdicts["ranging"]["warming"][2]
     overtaken = np.array([-1, 0, 0, 2])
-    step_links(links, rows, overtaken, readings[600], P, verdicts)
+    step_pair_tests(pair_tests, rows, overtaken, readings[600], P, verdicts)
     assert verdicts["ranging"]["warming"][2]
     assert verdicts["response"]["warming"][2]
     assert not verdicts["ranging"]["warming"][3]
-    assert links["response"]["heard_s"][2] > P.response.warming_s
+    assert pair_tests["response"]["learning_time_s"][2] > P.response.warming_s
 
 
 def test_a_leader_unheard_for_a_moment_is_the_same_pair() -> None:
     readings = platoon(with_range=True)
     for name in ("leader_t_s", "leader_x_m", "leader_v_mps"):
         readings[name][600:605, 2] = np.nan
-    rows, links = np.arange(CARS), np.zeros(CARS, LINK)
-    verdicts = np.zeros(CARS, LINK_VERDICT)
+    rows, pair_tests = np.arange(CARS), np.zeros(CARS, PAIR_TESTS)
+    verdicts = np.zeros(CARS, PAIR_TEST_VERDICT)
     for k in range(620):
         leaders = np.array([-1, 0, -1 if 600 <= k < 605 else 1, 2])
-        step_links(links, rows, leaders, readings[k], P, verdicts)
+        step_pair_tests(pair_tests, rows, leaders, readings[k], P, verdicts)
         assert (verdicts["kind"] == Kind.NONE).all()
     assert not verdicts["ranging"]["warming"][2]
     assert not verdicts["response"]["warming"][2]

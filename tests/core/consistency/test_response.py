@@ -4,15 +4,15 @@ from core.estimation.following import START_S, dip, follow, wave
 
 from headway.core.consistency.response import (
     COLUMNS,
-    FULL,
     LAGS,
     MEAN_DRIVER,
-    OWN,
     PULSE,
     RESPONSE,
+    STATE_COLUMNS,
+    WINDOW_TICKS,
     ResponseParams,
-    inexact_ms,
-    response_relink,
+    answer_spread_ms,
+    response_reset_leader,
     response_step,
 )
 from headway.core.statistics.test_result import CHECK, check_budget
@@ -69,7 +69,7 @@ def test_a_feigned_brake_is_found_and_the_follower_moved() -> None:
     assert 1000 < found[0] < 1030
     assert checks["p_value"][found[0]] < 1e-4
     at_onset, _ = run(readings[: found[0] + 1])
-    assert at_onset["own_unusual"][0] > at_onset["due_unusual"][0] + 1.0
+    assert at_onset["follower_surprise"][0] > at_onset["leader_surprise"][0] + 1.0
 
 
 def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
@@ -81,7 +81,7 @@ def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
     found = np.flatnonzero(checks["anomalous"])
     assert 1000 < found[0] < 1060
     at_last, _ = run(readings[: found[-1] + 1])
-    assert at_last["due_unusual"][0] > at_last["own_unusual"][0] + 0.25
+    assert at_last["leader_surprise"][0] > at_last["follower_surprise"][0] + 0.25
 
 
 def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
@@ -92,7 +92,7 @@ def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
     _, checks = run(readings)
     assert not checks["anomalous"].any()
     row, _ = run(readings[:1040])
-    assert row["doubt"]["log_odds"][0] < -1.0
+    assert row["pair_fault"]["log_odds"][0] < -1.0
 
 
 def test_a_leader_who_says_what_nobody_answers_is_doubted() -> None:
@@ -102,7 +102,7 @@ def test_a_leader_who_says_what_nobody_answers_is_doubted() -> None:
     readings["leader_v_mps"][1000:1040] += speed
     readings["leader_x_m"][1000:1040] += location
     row, _ = run(readings[:1040])
-    assert row["doubt"]["log_odds"][0] > max(calm["doubt"]["log_odds"][0], 0.0) + 2.0
+    assert row["pair_fault"]["log_odds"][0] > max(calm["pair_fault"]["log_odds"][0], 0.0) + 2.0
 
 
 def test_a_speed_that_is_frozen_while_the_leader_changes_drifts() -> None:
@@ -112,23 +112,27 @@ def test_a_speed_that_is_frozen_while_the_leader_changes_drifts() -> None:
     frozen["x_m"][1100:] = readings["x_m"][1100] + 0.1 * readings["v_mps"][1100] * np.arange(100)
     (honest, _), (row, checks) = run(readings), run(frozen)
     assert checks["anomalous"][1100:].any()
-    unexplained_mps = (row["own_drift_mps"] - row["due_drift_mps"])[0]
-    assert abs(unexplained_mps) > 10.0 * abs(honest["own_drift_mps"] - honest["due_drift_mps"])[0]
+    unexplained_mps = (row["measured_drift_mps"] - row["predicted_drift_mps"])[0]
+    assert abs(unexplained_mps) > 10.0 * abs(honest["measured_drift_mps"] - honest["predicted_drift_mps"])[0]
     assert row["still_share"][0, 0] < 0.1
-    assert row["own_unusual"][0] > 1.5  # a speed that never stands still does
+    assert row["follower_surprise"][0] > 1.5  # a speed that never stands still does
 
 
 def test_a_driver_who_often_keeps_one_speed_is_not_odd_in_doing_so() -> None:
     readings = follow(120.0, np.random.default_rng(9), leader=lambda t_s: np.full(t_s.size, 12.0), noise=0.001)
     row, _ = run(readings)
     assert (row["still_share"][0] > 0.5).all()
-    assert row["own_unusual"][0] == pytest.approx(row["due_unusual"][0], abs=0.01) == pytest.approx(0.0, abs=0.01)
+    assert (
+        row["follower_surprise"][0]
+        == pytest.approx(row["leader_surprise"][0], abs=0.01)
+        == pytest.approx(0.0, abs=0.01)
+    )
 
 
 def test_an_answer_is_excused_in_proportion() -> None:
     """Half as much again as was due is one standard deviation; no answer, or one to the other side, is not excused."""
-    assert inexact_ms(3.0, 2.0) == inexact_ms(-2.0, -3.0) == pytest.approx(1.0)
-    assert inexact_ms(0.0, 2.0) == inexact_ms(-2.0, 2.0) == 0.0
+    assert answer_spread_ms(3.0, 2.0) == answer_spread_ms(-2.0, -3.0) == pytest.approx(1.0)
+    assert answer_spread_ms(0.0, 2.0) == answer_spread_ms(-2.0, 2.0) == 0.0
 
 
 def test_a_driver_who_is_odd_now_and_then_is_learnt_in_the_end() -> None:
@@ -160,13 +164,13 @@ def test_warming_is_said_until_enough_was_learnt_and_after_a_new_leader() -> Non
     until = int(np.argmax(~checks["warming"]))
     assert P.warming_s < readings["t_s"][until] - START_S < P.warming_s + 5.0
     assert not checks["warming"][until:].any()
-    response_relink(row[0])
+    response_reset_leader(row[0])
     again = readings.copy()
     again["t_s"] += 80.0
     again["leader_t_s"] += 80.0
     _, checks = run(again, row=row)
     until = int(np.argmax(~checks["warming"]))
-    assert until == pytest.approx(4 * FULL, abs=4)
+    assert until == pytest.approx(4 * WINDOW_TICKS, abs=4)
 
 
 def test_without_a_leader_nothing_is_said() -> None:
@@ -176,7 +180,7 @@ def test_without_a_leader_nothing_is_said() -> None:
     row, checks = run(readings)
     assert checks["warming"].all()
     assert not checks["anomalous"].any()
-    assert row["heard_s"][0] == 0.0
+    assert row["learning_time_s"][0] == 0.0
 
 
 def test_a_driver_who_changes_for_good_is_learnt_again() -> None:
@@ -192,4 +196,4 @@ def test_a_driver_who_changes_for_good_is_learnt_again() -> None:
 
 def test_the_row_is_small_and_says_what_it_holds() -> None:
     assert RESPONSE.itemsize <= 2048
-    assert RESPONSE["theta"].shape == (OWN + LAGS,)
+    assert RESPONSE["theta"].shape == (STATE_COLUMNS + LAGS,)

@@ -39,10 +39,10 @@ def test_clean_readings_say_nothing() -> None:
 def test_onset_then_quiet_then_cleared_under_one_id() -> None:
     car = Follower()
     [onset] = car.reads(True)
-    said = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)]
-    assert [onset.phase] + [event.phase for event in said] == [Phase.ONSET, Phase.CLEARED]
-    assert said[0].event_id == onset.event_id
-    assert (said[0].kind, said[0].sensor) == (Kind.SHORT, Sensor.LOCATION)
+    events = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)]
+    assert [onset.phase] + [event.phase for event in events] == [Phase.ONSET, Phase.CLEARED]
+    assert events[0].event_id == onset.event_id
+    assert (events[0].kind, events[0].sensor) == (Kind.SHORT, Sensor.LOCATION)
     assert len(car.log) == 0
     assert car.reads(False) == []
 
@@ -57,9 +57,9 @@ def test_a_better_verdict_is_an_update_and_the_same_one_is_not() -> None:
 
 def test_a_kind_that_flaps_is_told_every_300_ms_at_10_hz() -> None:
     car = Follower()
-    said = [car.reads(True, Kind.NOISE if n % 2 else Kind.BIAS) for n in range(13)]
-    assert [n for n, events in enumerate(said) if events] == [0, 3, 6, 9, 12]
-    assert [event.kind for events in said for event in events] == [
+    events = [car.reads(True, Kind.NOISE if n % 2 else Kind.BIAS) for n in range(13)]
+    assert [n for n, update in enumerate(events) if update] == [0, 3, 6, 9, 12]
+    assert [event.kind for update in events for event in update] == [
         Kind.BIAS, Kind.NOISE, Kind.BIAS, Kind.NOISE, Kind.BIAS
     ]  # fmt: skip
 
@@ -74,8 +74,8 @@ def test_a_change_too_soon_to_be_told_is_told_at_the_end() -> None:
 
 def test_a_long_event_is_restated_every_second() -> None:
     car = Follower()
-    said = [event.phase for _ in range(25) for event in car.reads(True)]
-    assert said == [Phase.ONSET, Phase.UPDATE, Phase.UPDATE]
+    events = [event.phase for _ in range(25) for event in car.reads(True)]
+    assert events == [Phase.ONSET, Phase.UPDATE, Phase.UPDATE]
 
 
 def test_a_relapse_before_the_end_is_the_same_event() -> None:

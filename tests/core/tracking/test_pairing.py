@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from core.roads import START_US, STEP_S, STRAIGHT, Car, Motion, Noise, Reading, Record, Road, Spoil, World, drive
 
-from headway.core.tracking.pairing import NOBODY
+from headway.core.tracking.pairing import NO_LEADER
 from headway.core.tracking.spatial_index import NEAREST, find_near
 from headway.core.tracking.tracks import DEFAULT_LENGTH_M, evict
 
@@ -44,7 +44,7 @@ def only_gap(record: Record, row: int) -> np.ndarray:
 
 def test_on_a_straight_road_the_next_ahead_is_the_leader_within_two_seconds() -> None:
     record = drive(World(), [Car(STRAIGHT, at(-25.0 * i, 15.0)) for i in range(4)], 10.0)
-    assert record.leader[20:].tolist() == [[NOBODY, 0, 1, 2]] * 80
+    assert record.leader[20:].tolist() == [[NO_LEADER, 0, 1, 2]] * 80
     assert only_gap(record, 1) == pytest.approx(25.0 - DEFAULT_LENGTH_M, abs=1e-3)
 
 
@@ -74,7 +74,7 @@ def test_both_turn_at_a_crossing() -> None:
 def test_who_turns_off_is_let_go_within_three_seconds_of_the_place(follower: Road, leader: Road) -> None:
     """The follower is at the turn, 60 m on, at 10 s."""
     record = drive(World(), [Car(follower, at(0.0, 6.0)), Car(leader, at(14.0, 6.0))], 20.0)
-    assert takeovers(record, 0) == [1, NOBODY]
+    assert takeovers(record, 0) == [1, NO_LEADER]
     assert record.takeovers(0)[-1][0] <= 13.5
 
 
@@ -88,7 +88,7 @@ def platoon(road: Road, seed: int, lanes: int = 1) -> tuple[list[Car], list[int]
     rng = np.random.default_rng(seed)
     order = rng.permutation(8)
     cars: dict[int, Car] = {}
-    leaders = [NOBODY] * 8
+    leaders = [NO_LEADER] * 8
     for place, row in enumerate(order):
         lane = place % lanes
         off_rad = rng.uniform(0.0, 2.0 * math.pi)
@@ -124,14 +124,14 @@ def test_oncoming_and_crossing_cars_are_nobodys_leader() -> None:
     crossing = Road(((1e5, 0.0),), math.pi / 2, -200.0, 220.0)
     cars = [Car(STRAIGHT, at(0.0, 12.0)), Car(oncoming, at(0.0, 12.0)), Car(crossing, at(0.0, 12.0))]
     record = drive(World(), cars, 30.0)
-    assert (record.leader == NOBODY).all()
+    assert (record.leader == NO_LEADER).all()
 
 
 def test_a_car_that_just_crossed_where_the_follower_waits_is_not_its_leader() -> None:
     crossing = Road(((1e5, 0.0),), math.pi / 2, -96.0, 101.0)
     cars = [Car(STRAIGHT, queue(0.0, 10.0, 20.0)), Car(crossing, at(0.0, 12.0))]
     record = drive(World(), cars, 25.0)
-    assert (record.leader == NOBODY).all()
+    assert (record.leader == NO_LEADER).all()
 
 
 @pytest.mark.parametrize("angle_deg", [30.0, 60.0, 90.0])
@@ -140,7 +140,7 @@ def test_a_car_first_heard_standing_at_an_angle_is_not_in_the_lane(angle_deg: fl
     angle = math.radians(angle_deg)
     aside = Road(((1e5, 0.0),), angle, 20.0 * math.sin(angle), 20.0 * math.cos(angle) + 0.5)
     record = drive(World(), [Car(STRAIGHT, at(0.0, 0.0)), Car(aside, at(0.0, 0.0))], 5.0)
-    assert (record.leader == NOBODY).all()
+    assert (record.leader == NO_LEADER).all()
 
 
 def test_follower_changes_lane() -> None:
@@ -233,25 +233,25 @@ def test_a_lie_along_the_road_that_was_believed_cancels(row: int) -> None:
 def test_a_queue_that_stands_keeps_its_order() -> None:
     cars = [Car(STRAIGHT, queue(-7.0 * i, 10.0, 40.0)) for i in range(5)]
     record = drive(World(), cars, 60.0, noise=Noise(1))
-    assert record.leader[20:].tolist() == [[NOBODY, 0, 1, 2, 3]] * 580
+    assert record.leader[20:].tolist() == [[NO_LEADER, 0, 1, 2, 3]] * 580
 
 
 def test_a_queue_first_heard_standing_is_ordered_by_its_headings() -> None:
     cars = [Car(STRAIGHT, queue(-7.0 * i, 10.0, 40.0)) for i in range(5)]
     record = drive(World(), cars, 10.0, start_s=15.0)
-    assert record.leader[20:].tolist() == [[NOBODY, 0, 1, 2, 3]] * 80
+    assert record.leader[20:].tolist() == [[NO_LEADER, 0, 1, 2, 3]] * 80
 
 
 def test_without_headings_the_order_is_found_once_they_move() -> None:
     cars = [Car(STRAIGHT, at(-25.0 * i, 15.0), declares_heading=False) for i in range(4)]
     record = drive(World(), cars, 10.0)
-    assert record.leader[25:].tolist() == [[NOBODY, 0, 1, 2]] * 75
+    assert record.leader[25:].tolist() == [[NO_LEADER, 0, 1, 2]] * 75
 
 
 def test_a_leader_gone_silent_is_lost_and_found_again() -> None:
     cars = [Car(STRAIGHT, at(0.0, 2.0)), Car(STRAIGHT, at(30.0, 2.0))]
     record = drive(World(), cars, 25.0, silent=lambda row, t_s: row == 1 and 8.0 < t_s < 16.0)
-    assert takeovers(record, 0) == [1, NOBODY, 1]
+    assert takeovers(record, 0) == [1, NO_LEADER, 1]
     lost_s, found_s = (t_s for t_s, _ in record.takeovers(0)[1:])
     assert 8.0 + 2.0 < lost_s < 8.0 + 5.0
     assert 16.0 < found_s < 18.0
@@ -262,9 +262,9 @@ def test_the_next_vehicle_in_a_leaders_row_is_not_taken_for_it() -> None:
     drive(world, [Car(STRAIGHT, at(0.0, 15.0)), Car(STRAIGHT, at(30.0, 15.0))], 5.0)
     assert world.leaders()[0] == 1
     evict(world.tracks, np.array([1]))
-    assert world.leaders()[0] == NOBODY
+    assert world.leaders()[0] == NO_LEADER
     record = drive(world, [Car(STRAIGHT, at(0.0, 15.0)), Car(STRAIGHT, at(-400.0, 15.0))], 5.0, start_s=5.0)
-    assert (record.leader[:, 0] == NOBODY).all()
+    assert (record.leader[:, 0] == NO_LEADER).all()
     assert record.changed[:, 0].sum() == 1
 
 
@@ -275,9 +275,9 @@ def test_the_next_vehicle_in_a_followers_row_inherits_no_leader() -> None:
     elsewhere = Car(Road(((1e5, 0.0),), math.pi / 2, 0.0, 90.0), at(0.0, 15.0))
     one = (np.array([value]) for value in elsewhere.reading(5.0))
     world.advance(np.array([0]), START_US + 4_950_000, *one)
-    assert world.leaders()[0] == NOBODY
+    assert world.leaders()[0] == NO_LEADER
     record = drive(world, [elsewhere, Car(STRAIGHT, at(30.0, 15.0))], 5.0, start_s=5.0)
-    assert (record.leader[:, 0] == NOBODY).all()
+    assert (record.leader[:, 0] == NO_LEADER).all()
 
 
 def test_a_declared_leader_is_believed_at_the_next_look() -> None:
@@ -316,7 +316,7 @@ def test_a_place_on_the_trail_that_leaps_by_a_lap_is_a_change() -> None:
         offset_m.append(float(world.pairing["offset_m"][0]))
         changed.append(bool(record.changed[0, 0]))
         leader.append(int(record.leader[0, 0]))
-    assert set(leader) == {NOBODY, 1}
+    assert set(leader) == {NO_LEADER, 1}
     leaps = np.flatnonzero(np.abs(np.diff(offset_m)) > 0.2) + 1
     assert leaps.size == 2
     assert np.flatnonzero(changed).tolist() == leaps.tolist()
@@ -339,8 +339,8 @@ def test_rows_are_looked_at_twice_a_second_and_not_all_at_once() -> None:
     for k in range(40):
         t_us = START_US + round(k * STEP_S * 1e6)
         world.advance(rows, t_us, lat, np.full(200, 11.0), np.zeros(200), np.zeros(200))
-        world.look(rows, t_us)
-        looks[k] = world.pairing["look_us"] == t_us
+        world.find_leaders(rows, t_us)
+        looks[k] = world.pairing["search_us"] == t_us
     assert looks.sum(axis=0).min() >= 6
     assert looks.sum(axis=0).max() <= 9
     assert looks.sum(axis=1).max() < 120
@@ -356,14 +356,14 @@ def test_ten_thousand_vehicles_at_one_spot_are_a_bounded_crowd() -> None:
         t_us = START_US + round(k * STEP_S * 1e6)
         lat, lon = 48.0 + rng.normal(0.0, 1e-5, n), 11.0 + rng.normal(0.0, 1e-5, n)
         world.advance(rows, t_us, lat, lon, rng.uniform(0.0, 40.0, n), rng.uniform(0.0, 360.0, n))
-        world.leave_crumb(rows, np.ones(n, np.bool_), np.zeros(n))
-        world.look(rows, t_us)
-    near, apart_squared = np.empty(NEAREST, np.int64), np.empty(NEAREST)
+        world.extend_path_history(rows, np.ones(n, np.bool_), np.zeros(n))
+        world.find_leaders(rows, t_us)
+    nearby, apart_squared = np.empty(NEAREST, np.int64), np.empty(NEAREST)
     for row in range(0, n, 1000):
-        count = find_near(world.grid, world.tracks[row], row, world.range_m, near, apart_squared)
+        count = find_near(world.grid, world.tracks[row], row, world.range_m, nearby, apart_squared)
         assert 0 < count <= NEAREST
-        assert row not in near[:count]
-        assert len(set(near[:count])) == count
+        assert row not in nearby[:count]
+        assert len(set(nearby[:count])) == count
         assert (np.diff(apart_squared[:count]) >= 0.0).all()
     assert all(leader != row for row, leader in enumerate(world.leaders()))
 
@@ -376,12 +376,12 @@ def test_between_two_builds_of_the_index_vehicles_are_carried_on() -> None:
     built_us = int(world.grid.built_us[0])
     drive(world, cars, 2 * STEP_S, start_s=STEP_S)
     assert world.grid.built_us[0] == built_us
-    near, apart_squared = np.empty(NEAREST, np.int64), np.empty(NEAREST)
-    assert find_near(world.grid, world.tracks[0], 0, 150.0, near, apart_squared) == 1
-    assert near[0] == 1
+    nearby, apart_squared = np.empty(NEAREST, np.int64), np.empty(NEAREST)
+    assert find_near(world.grid, world.tracks[0], 0, 150.0, nearby, apart_squared) == 1
+    assert nearby[0] == 1
 
 
-@pytest.mark.parametrize(("accuracy_m", "leader"), [(math.nan, NOBODY), (0.1, NOBODY), (1.0, 1), (10.0, 1)])
+@pytest.mark.parametrize(("accuracy_m", "leader"), [(math.nan, NO_LEADER), (0.1, NO_LEADER), (1.0, 1), (10.0, 1)])
 def test_the_corridor_is_wider_for_whoever_declares_an_accuracy_but_never_by_a_lane(
     accuracy_m: float, leader: int
 ) -> None:
@@ -397,8 +397,8 @@ def test_the_corridor_is_wider_for_whoever_declares_an_accuracy_but_never_by_a_l
         t_us = START_US + round(k * STEP_S * 1e6)
         columns = (np.array(column) for column in zip(*(car.reading(k * STEP_S) for car in cars), strict=True))
         world.advance(rows, t_us, *columns, accuracy_m=accuracy_m)
-        world.leave_crumb(rows, np.ones(3, np.bool_), np.full(3, 15.0))
-        world.look(rows, t_us)
+        world.extend_path_history(rows, np.ones(3, np.bool_), np.full(3, 15.0))
+        world.find_leaders(rows, t_us)
     assert world.leaders()[0] == leader
 
 
@@ -414,9 +414,9 @@ def test_a_dense_jam_still_finds_the_one_ahead() -> None:
         lon = 11.0 + lane * LANE_M / 74_600.0
         t_us = START_US + round(k * STEP_S * 1e6)
         world.advance(rows, t_us, lat, lon, np.full(n, 2.0), np.zeros(n))
-        world.leave_crumb(rows, np.ones(n, np.bool_), np.full(n, 2.0))
-        world.look(rows, t_us)
-    assert world.leaders() == [row + 1 if row % 40 < 39 else NOBODY for row in range(n)]
+        world.extend_path_history(rows, np.ones(n, np.bool_), np.full(n, 2.0))
+        world.find_leaders(rows, t_us)
+    assert world.leaders() == [row + 1 if row % 40 < 39 else NO_LEADER for row in range(n)]
 
 
 @pytest.mark.parametrize("origin_lon", [179.9999, 179.99999, 179.9985])
@@ -428,8 +428,8 @@ def test_across_the_antimeridian(origin_lon: float) -> None:
         lon = (lon + 180.0) % 360.0 - 180.0
         t_us = START_US + round(k * STEP_S * 1e6)
         world.advance(rows, t_us, np.zeros(2), lon, np.full(2, 5.0), np.full(2, 90.0))
-        world.leave_crumb(rows, np.ones(2, np.bool_), np.full(2, 5.0))
-        world.look(rows, t_us)
+        world.extend_path_history(rows, np.ones(2, np.bool_), np.full(2, 5.0))
+        world.find_leaders(rows, t_us)
         if k >= 20:
-            assert world.leaders() == [1, NOBODY]
+            assert world.leaders() == [1, NO_LEADER]
             assert world.gap_m(0) == pytest.approx(30.0 - DEFAULT_LENGTH_M, abs=0.01)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from core.roads import START_US, STEP_S, STRAIGHT, Car, Noise, Reading, Road, World, drive, lat_lon
 
-from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, DEFAULT_LENGTH_M, EAST, X, evict
+from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_SPACING_M, CRUMB_X, CRUMBS, DEFAULT_LENGTH_M, evict
 from headway.core.types.outcome import Outcome
 
 ROW = np.array([0])
@@ -28,10 +28,10 @@ def hear(
     """One reading of row 0 through both passes: outcome, x_m, missed, began."""
     lat, lon = lat_lon(east_m, north_m)
     one = (np.array([value]) for value in (lat, lon, speed, heading))
-    outcome, x_m, missed, began = world.advance(ROW, START_US + round(t_s * 1e6), *one, msg_cnt=msg_cnt)
+    outcome, x_m, sequence_gaps, initialised = world.advance(ROW, START_US + round(t_s * 1e6), *one, msg_cnt=msg_cnt)
     if outcome[0] == Outcome.SCORED:
-        world.leave_crumb(ROW, np.array([trusted]), np.array([speed]))
-    return int(outcome[0]), float(x_m[0]), int(missed[0]), bool(began[0])
+        world.extend_path_history(ROW, np.array([trusted]), np.array([speed]))
+    return int(outcome[0]), float(x_m[0]), int(sequence_gaps[0]), bool(initialised[0])
 
 
 def test_on_a_straight_road_x_is_the_distance() -> None:
@@ -69,7 +69,7 @@ def test_an_outlier_leaves_nothing_behind() -> None:
             if off:
                 assert x_m == pytest.approx(180.0, abs=1e-3)
     assert spoiled.tracks["x_m"][0] == pytest.approx(clean.tracks["x_m"][0], abs=1e-6)
-    assert spoiled.tracks["crumbs"][0, :, EAST] == pytest.approx(0.0, abs=1e-3)
+    assert spoiled.tracks["crumbs"][0, :, CRUMB_EAST] == pytest.approx(0.0, abs=1e-3)
     assert spoiled.tracks["heading_east"][0] == 0.0
 
 
@@ -139,15 +139,15 @@ def test_same_event_time_is_a_duplicate_and_an_older_one_out_of_order() -> None:
     hear(world, 0.0, 0.0)
     hear(world, 0.1, 1.0, msg_cnt=1)
     before = world.tracks.tobytes()
-    outcome, x_m, missed, began = hear(world, 0.1, 50.0, msg_cnt=2)
-    assert (outcome, missed, began) == (Outcome.DUPLICATE, 0, False)
+    outcome, x_m, sequence_gaps, initialised = hear(world, 0.1, 50.0, msg_cnt=2)
+    assert (outcome, sequence_gaps, initialised) == (Outcome.DUPLICATE, 0, False)
     assert math.isnan(x_m)
     assert hear(world, 0.05, 50.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert world.tracks.tobytes() == before
 
 
 @pytest.mark.parametrize(
-    ("counts", "steps", "missed"),
+    ("counts", "steps", "sequence_gaps"),
     [
         ([0, 1, 2, 3], [1, 1, 1, 1], 0),
         ([126, 127, 0, 1], [1, 1, 1, 1], 0),  # wraps
@@ -159,7 +159,7 @@ def test_same_event_time_is_a_duplicate_and_an_older_one_out_of_order() -> None:
         ([1, 2, 3, 4], [1, 1, 6, 1], 0),  # congestion control: slow, nothing lost
     ],
 )
-def test_missed_messages_by_counter(counts: list[int], steps: list[int], missed: int) -> None:
+def test_missed_messages_by_counter(counts: list[int], steps: list[int], sequence_gaps: int) -> None:
     world = World()
     t_s, total = 0.0, 0
     for k in range(40):
@@ -169,15 +169,15 @@ def test_missed_messages_by_counter(counts: list[int], steps: list[int], missed:
         t_s += (step - 1) * STEP_S
         total += hear(world, t_s, 10.0 * t_s, msg_cnt=count)[2]
         t_s += STEP_S
-    assert total == missed
+    assert total == sequence_gaps
 
 
 def test_loss_does_not_lengthen_the_senders_own_interval() -> None:
     world = World()
     heard = np.flatnonzero(np.random.default_rng(4).random(500) < 0.5)
-    missed = sum(hear(world, k * STEP_S, k * 1.0, msg_cnt=k % 128)[2] for k in heard)
+    sequence_gaps = sum(hear(world, k * STEP_S, k * 1.0, msg_cnt=k % 128)[2] for k in heard)
     assert world.tracks["interval_s"][0] == pytest.approx(0.1, rel=0.05)
-    assert missed == heard[-1] - heard[0] + 1 - len(heard)
+    assert sequence_gaps == heard[-1] - heard[0] + 1 - len(heard)
 
 
 @pytest.mark.parametrize("interval_s", [0.02, 0.1, 0.6, 1.0])
@@ -194,8 +194,8 @@ def test_a_long_silence_begins_the_odometer_anew() -> None:
     for k in range(1, 50):
         assert not hear(world, k * STEP_S, k * 1.0)[3]
     generation = world.tracks["generation"][0]
-    _, x_m, missed, began = hear(world, 4.9 + 5.1, 100.0, msg_cnt=60)
-    assert (x_m, missed, began) == (0.0, 0, True)
+    _, x_m, sequence_gaps, initialised = hear(world, 4.9 + 5.1, 100.0, msg_cnt=60)
+    assert (x_m, sequence_gaps, initialised) == (0.0, 0, True)
     assert world.tracks["generation"][0] == generation + 1
     assert world.tracks["crumb_count"][0] == 1
 
@@ -218,8 +218,8 @@ def test_the_trail_reaches_back_150_m_in_bounded_memory(speed: float) -> None:
     track = world.tracks[0]
     newest = track["newest_crumb"]
     oldest = (newest - track["crumb_count"] + 1) % CRUMBS
-    assert track["crumbs"][newest, X] - track["crumbs"][oldest, X] >= 150.0
-    x_m = np.roll(track["crumbs"][:, X], -int(oldest))[: track["crumb_count"]]
+    assert track["crumbs"][newest, CRUMB_X] - track["crumbs"][oldest, CRUMB_X] >= 150.0
+    x_m = np.roll(track["crumbs"][:, CRUMB_X], -int(oldest))[: track["crumb_count"]]
     assert np.diff(x_m).min() >= CRUMB_SPACING_M - 1e-4
 
 
@@ -228,8 +228,8 @@ def test_a_believed_leap_begins_the_trail_anew_and_keeps_the_odometer() -> None:
     for k in range(100):
         hear(world, k * STEP_S, k * 1.0)
     generation = world.tracks["generation"][0]
-    _, x_m, _, began = hear(world, 10.0, 300.0)
-    assert (x_m, began) == (pytest.approx(300.0, abs=1e-3), False)
+    _, x_m, _, initialised = hear(world, 10.0, 300.0)
+    assert (x_m, initialised) == (pytest.approx(300.0, abs=1e-3), False)
     assert world.tracks["crumb_count"][0] == 1
     assert world.tracks["generation"][0] == generation
 
@@ -268,7 +268,7 @@ def test_on_real_rows_the_odometer_agrees_with_the_wheels(shared_data: Path) -> 
         names = ("LatitudeWsu", "LongitudeWsu", "GpsSpeedWsu", "GpsHeadingWsu")
         one = (np.array([float(row[name])]) for name in names)
         x_m.append(world.advance(ROW, int(row["GpsTimeWsu"]) * 1000, *one)[1][0])
-        world.leave_crumb(ROW, np.array([True]), np.zeros(1))
+        world.extend_path_history(ROW, np.array([True]), np.zeros(1))
     t_s = np.array([int(row["GpsTimeWsu"]) for row in rows]) / 1000.0
     v_mps = np.array([float(row["SpeedWsu"]) for row in rows]) / 3.6
     wheels_m = np.append(0.0, np.cumsum(0.5 * (v_mps[1:] + v_mps[:-1]) * np.diff(t_s)))

@@ -15,7 +15,13 @@ import numpy as np
 from numba import njit
 from scipy.special import expit
 
-from headway.core.consistency.pair_tests import LINK, LINK_VERDICT, LinkParams, link_params, step_links
+from headway.core.consistency.pair_tests import (
+    PAIR_TEST_VERDICT,
+    PAIR_TESTS,
+    PairTestParams,
+    pair_test_params,
+    step_pair_tests,
+)
 from headway.core.types.records import READING
 from headway_loadtest.evaluate.misbehaviour.platoons import Platoon, chain, read_pair, synthetic
 from headway_loadtest.inject.consistent import CONSISTENT, SAMPLE_S, displacement, samples, speed_offset
@@ -54,11 +60,11 @@ class Findings:
 
 
 @njit(cache=True)
-def drive(links: Any, readings: Any, leaders: Any, p: LinkParams, verdicts: Any) -> None:
+def drive(links: Any, readings: Any, leaders: Any, p: PairTestParams, verdicts: Any) -> None:
     """Take readings (n, m) through the link tests, moment by moment, the car ahead first."""
     rows = np.arange(leaders.size)
     for k in range(readings.shape[0]):
-        step_links(links, rows, leaders, readings[k], p, verdicts[k])
+        step_pair_tests(links, rows, leaders, readings[k], p, verdicts[k])
 
 
 def readings_of(rng: np.random.Generator, truth: Platoon, with_range: bool) -> Any:
@@ -117,14 +123,14 @@ def examine(
     truth: Platoon,
     liars: Sequence[int],
     with_range: bool,
-    p: LinkParams,
+    p: PairTestParams,
     findings: dict[Kind, Findings],
 ) -> tuple[int, float]:
     """Drive once clean with lies on branches; add to `findings`, and return false alarms and clean pair-hours."""
     n, cars = truth.x_m.shape
     honest = readings_of(rng, truth, with_range)
     leaders = np.arange(-1, cars - 1)
-    links, verdicts = np.zeros(cars, LINK), np.zeros((n, cars), LINK_VERDICT)
+    links, verdicts = np.zeros(cars, PAIR_TESTS), np.zeros((n, cars), PAIR_TEST_VERDICT)
     every = round(EVERY_S / SAMPLE_S)
     longest = max(samples(kind) for kind in CONSISTENT) + round(AFTER_S / SAMPLE_S)
     for start in range(0, n, every):
@@ -133,7 +139,7 @@ def examine(
             for liar in liars:
                 told = tell(rng, truth, honest, start, liar, kind)
                 if told is not None:
-                    judged = np.zeros(told.shape, LINK_VERDICT)
+                    judged = np.zeros(told.shape, PAIR_TEST_VERDICT)
                     drive(links.copy(), told, leaders, p, judged)
                     note(findings[kind], judged, liar)
         drive(links, honest[start : start + every], leaders, p, verdicts[start : start + every])
@@ -178,7 +184,7 @@ def run_liars(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: floa
     groups: dict[str, list[Platoon]] = defaultdict(list)
     for truth in [*pairs, *chain(pairs), *made]:
         groups[truth.group].append(truth)
-    p = link_params(budget_per_hour)
+    p = pair_test_params(budget_per_hour)
     return [
         row
         for group, truths in groups.items()
@@ -188,7 +194,7 @@ def run_liars(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: floa
 
 
 def measure(
-    group: str, truths: Sequence[Platoon], with_range: bool, runs: int, seed: int, p: LinkParams
+    group: str, truths: Sequence[Platoon], with_range: bool, runs: int, seed: int, p: PairTestParams
 ) -> Iterator[dict[str, Any]]:
     """Yield a row per kind of lie for drives of one group."""
     findings = {kind: Findings() for kind in CONSISTENT}

@@ -17,30 +17,30 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from headway.core.consistency.attribution import DOUBT, weigh
+from headway.core.consistency.attribution import FAULT_LOG_ODDS, accumulate
 from headway.core.statistics import alarm_gate
 
 SMOOTH_S = 0.5
-MINOR = (0.3, 0.1)
+SPREAD_FLOOR = (0.3, 0.1)
 """Disagreements in m and m/s that are never unusual, however good both sensors have been."""
-UNHEARD_MPS2 = 1.0
+LEADER_ACCEL_MPS2 = 1.0
 """What a leader's acceleration may have been since its last sample."""
 OUTLIER = 3.0
 """Standard deviations beyond which a disagreement teaches no more."""
-LIE = 3.0
+FAULT_SPREAD = 3.0
 """Standard deviations of the disagreement that a lie makes."""
 SETTLE_S = 2.0
 
 RANGING = np.dtype(
     [
-        ("heard_s", "f8"),  # learnt from so far; 0: a fresh pair
+        ("learning_time_s", "f8"),  # learnt from so far; 0: a fresh pair
         ("t_s", "f8"),
         ("offset", "f8", (2,)),  # m, m/s
-        ("smooth", "f8", (2,)),  # disagreement averaged over SMOOTH_S; m, m/s
-        ("smooth_ms", "f8", (2,)),  # mean square of it
-        ("disputed_s", "f8"),  # how long it has been beyond the gate
+        ("mean_disagreement", "f8", (2,)),  # disagreement averaged over SMOOTH_S; m, m/s
+        ("mean_square", "f8", (2,)),  # mean square of it
+        ("exceedance_time_s", "f8"),  # how long it has been beyond the gate
         ("tail", alarm_gate.TAIL),
-        ("doubt", DOUBT),
+        ("pair_fault", FAULT_LOG_ODDS),
     ],
     align=True,
 )
@@ -54,25 +54,25 @@ class RangingParams(NamedTuple):
     memory_s: float = 120.0
     warming_s: float = 10.0
     max_gap_s: float = 1.2
-    give_up_s: float = 60.0
+    relearn_after_s: float = 60.0
     """Beyond the gate for so long, the pair begins anew: the sensor looks at another car, or sits elsewhere."""
 
 
 @njit(cache=True)
-def ranging_relink(row: Any) -> None:
+def ranging_reset_leader(row: Any) -> None:
     """Another leader: other offsets, so begin anew."""
-    row.heard_s = 0.0
-    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
+    row.learning_time_s = 0.0
+    row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
-def begin(row: Any, t_s: float) -> None:
+def initialise(row: Any, t_s: float) -> None:
     """Forget the pair, save how high its statistic goes."""
-    row.heard_s, row.t_s, row.disputed_s = 0.0, t_s, 0.0
+    row.learning_time_s, row.t_s, row.exceedance_time_s = 0.0, t_s, 0.0
     row.offset[:] = 0.0
-    row.smooth[:] = 0.0
-    row.smooth_ms[:] = 0.0
-    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
+    row.mean_disagreement[:] = 0.0
+    row.mean_square[:] = 0.0
+    row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
@@ -82,39 +82,41 @@ def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s) or isnan(z.range_m):
         return
-    if row.heard_s == 0.0 or row.disputed_s > p.give_up_s:
-        begin(row, z.t_s - 0.1)
+    if row.learning_time_s == 0.0 or row.exceedance_time_s > p.relearn_after_s:
+        initialise(row, z.t_s - 0.1)
     dt_s = min(z.t_s - row.t_s, p.max_gap_s)
     row.t_s = z.t_s
     age_s = z.t_s - z.leader_t_s
     gap_m = z.leader_x_m + z.leader_v_mps * age_s - z.leader_length_m - z.x_m
     gap_rate_mps = z.leader_v_mps - z.v_mps
-    off = (z.range_m - gap_m, gap_rate_mps if isnan(z.range_rate_mps) else z.range_rate_mps - gap_rate_mps)
-    row.heard_s += dt_s
-    share = dt_s / min(row.heard_s, p.memory_s)
-    settled = row.heard_s > SETTLE_S
-    unheard = (0.5 * UNHEARD_MPS2 * age_s**2, UNHEARD_MPS2 * age_s)
+    disagreement = (z.range_m - gap_m, gap_rate_mps if isnan(z.range_rate_mps) else z.range_rate_mps - gap_rate_mps)
+    row.learning_time_s += dt_s
+    share = dt_s / min(row.learning_time_s, p.memory_s)
+    settled = row.learning_time_s > SETTLE_S
+    extrapolation = (0.5 * LEADER_ACCEL_MPS2 * age_s**2, LEADER_ACCEL_MPS2 * age_s)
     squares = 0.0
     for k in range(2):
-        row.smooth[k] += (1.0 - exp(-dt_s / SMOOTH_S)) * (off[k] - row.offset[k] - row.smooth[k])
-        squares += row.smooth[k] ** 2 / (row.smooth_ms[k] + MINOR[k] ** 2 + unheard[k] ** 2)
+        row.mean_disagreement[k] += (1.0 - exp(-dt_s / SMOOTH_S)) * (
+            disagreement[k] - row.offset[k] - row.mean_disagreement[k]
+        )
+        squares += row.mean_disagreement[k] ** 2 / (row.mean_square[k] + SPREAD_FLOOR[k] ** 2 + extrapolation[k] ** 2)
     if settled:
         check.statistic = sqrt(squares)
     check.gate = alarm_gate.gate(row.tail, p.budget)
     rate_per_hour = alarm_gate.false_alarms_per_hour(row.tail, check.statistic, p.budget)
     check.p_value = min(1.0, rate_per_hour * dt_s / 3600.0)
-    check.warming = row.heard_s < p.warming_s
+    check.warming = row.learning_time_s < p.warming_s
     check.anomalous = not check.warming and check.statistic > check.gate
     if not check.warming:
-        spread = 1.0 + LIE**2
-        worth = 0.5 * squares * (1.0 - 1.0 / spread) - log(spread)
-        weigh(row.doubt, worth, 1.0, z.t_s)
+        spread = 1.0 + FAULT_SPREAD**2
+        log_likelihood_ratio = 0.5 * squares * (1.0 - 1.0 / spread) - log(spread)
+        accumulate(row.pair_fault, log_likelihood_ratio, 1.0, z.t_s)
         alarm_gate.learn(row.tail, check.statistic, check.anomalous, dt_s, p.budget)
     if check.anomalous:
-        row.disputed_s += dt_s
+        row.exceedance_time_s += dt_s
         return
-    row.disputed_s = 0.0
+    row.exceedance_time_s = 0.0
     for k in range(2):
-        cut = OUTLIER * sqrt(row.smooth_ms[k] + MINOR[k] ** 2) if settled else np.inf
-        row.offset[k] += share * min(max(off[k] - row.offset[k], -cut), cut)
-        row.smooth_ms[k] += share * (min(row.smooth[k] ** 2, cut**2) - row.smooth_ms[k])
+        cut = OUTLIER * sqrt(row.mean_square[k] + SPREAD_FLOOR[k] ** 2) if settled else np.inf
+        row.offset[k] += share * min(max(disagreement[k] - row.offset[k], -cut), cut)
+        row.mean_square[k] += share * (min(row.mean_disagreement[k] ** 2, cut**2) - row.mean_square[k])

@@ -33,12 +33,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from headway.core.consistency.attribution import DOUBT, weigh
+from headway.core.consistency.attribution import FAULT_LOG_ODDS, accumulate
 from headway.core.statistics import alarm_gate
 from headway.core.statistics.ridge_regression import ridge_learn, ridge_solve
 
-OWN, LAGS = 5, 6
-COLUMNS = OWN + LAGS
+STATE_COLUMNS, LAGS = 5, 6
+COLUMNS = STATE_COLUMNS + LAGS
 SPAN = 5
 """Ticks of a pulse: 2 s, half of a braking manoeuvre."""
 PULSE = (0.4, 1.047, 1.294, 1.047, 0.4)
@@ -46,7 +46,7 @@ PULSE = (0.4, 1.047, 1.294, 1.047, 0.4)
 
 DRIFT_S = 8.0
 """Time constant of the drift."""
-INEXACT = 0.5
+ANSWER_SPREAD = 0.5
 """Standard deviation of an answer, as a share of it."""
 
 GAP_SCALE_M, SPEED_SCALE_MPS = 20.0, 10.0
@@ -60,47 +60,47 @@ TYPICAL_MPS = (0.6, 0.6, 1.0)
 """Priors of the spreads of step, dip and drift: of what a driver leaves unexplained."""
 TYPICAL_MOTION_MPS, TYPICAL_STILL = (1.0, 1.0, 2.0), 0.1
 """And of how much a speed changes, and how much of the time it does not."""
-MINOR_MPS = (0.2, 0.2, 0.6)
+SPREAD_FLOOR_MPS = (0.2, 0.2, 0.6)
 """An unexplained speed change of this size is never unusual, however steady the car has been."""
-UNUSUAL = 2.0
+SURPRISE_SIGMA = 2.0
 """Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
-STILL_MPS, RARELY, FROZEN = 0.05, 0.01, 0.25
+STILL_MPS, STILL_SHARE_MIN, FROZEN_SHARE = 0.05, 0.01, 0.25
 """A speed that changes by less in every tick stands still; no driver is taken to do so more rarely, and of the lies
 that are known one in four."""
 OUTLIER = 3.0
 """Standard deviations beyond which a tick teaches less."""
 SOLVE_EVERY = 5
 """Ticks between two solutions for theta, which changes over minutes."""
-FULL = LAGS + 2 * SPAN
+WINDOW_TICKS = LAGS + 2 * SPAN
 """Ticks without a break that fill the sums."""
 
 RESPONSE = np.dtype(
     [
-        ("heard_s", "f8"),  # learnt from so far; 0: a fresh row
+        ("learning_time_s", "f8"),  # learnt from so far; 0: a fresh row
         ("t_s", "f8"),  # of the last tick
         ("v_mps", "f8"),
         ("leader_t_s", "f8"),
         ("leader_v_mps", "f8"),
         ("ticks", "i8"),  # without a break, the last one included
-        ("before", "f8", (OWN,)),  # first group of regressors at the last tick
+        ("regressors", "f8", (STATE_COLUMNS,)),  # first group of regressors at the last tick
         ("leader_a_mps2", "f8", (LAGS,)),  # newest first
         ("A", "f8", (COLUMNS * (COLUMNS + 1) // 2,)),
         ("b", "f8", (COLUMNS,)),
         ("theta", "f8", (COLUMNS,)),
-        ("own_mps", "f8", (2 * SPAN,)),  # speed changes tick by tick, newest first
-        ("due_mps", "f8", (2 * SPAN,)),  # those that the model expected
-        ("own_drift_mps", "f8"),
-        ("due_drift_mps", "f8"),
+        ("measured_mps", "f8", (2 * SPAN,)),  # speed changes tick by tick, newest first
+        ("predicted_mps", "f8", (2 * SPAN,)),  # those that the model expected
+        ("measured_drift_mps", "f8"),
+        ("predicted_drift_mps", "f8"),
         ("residual_ms", "f8", (SUMS,)),  # mean square of step, dip and drift, less what manoeuvres explain
         ("natural_ms", "f8", (SUMS,)),  # mean square of the same sums of own_mps: how much this car moves anyway
-        ("disputed_s", "f8"),  # how much longer the statistic has been beyond the gate of late than below it
+        ("exceedance_time_s", "f8"),  # how much longer the statistic has been beyond the gate of late than below it
         ("tail", alarm_gate.TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
         ("still_share", "f8", (2,)),  # how much of the time the speeds of follower and leader stand still
-        ("own_unusual", "f8"),  # log odds against a natural motion of the follower
-        ("due_unusual", "f8"),  # and of the leader, from the speed change that should have followed
-        ("doubt", DOUBT),
+        ("follower_surprise", "f8"),  # log odds against a natural motion of the follower
+        ("leader_surprise", "f8"),  # and of the leader, from the speed change that should have followed
+        ("pair_fault", FAULT_LOG_ODDS),
     ],
     align=True,
 )
@@ -120,18 +120,18 @@ class ResponseParams(NamedTuple):
     """Worth of the prior of theta, in seconds of regressors of one."""
     spread_s: float = 40.0
     """Worth of the priors of the spreads, in seconds."""
-    patience_s: float = 20.0
+    relearn_after_s: float = 20.0
     """Beyond the gate for so much longer than below it, it is how this driver drives now, and is learnt."""
     max_gap_s: float = 1.2
     """A longer silence breaks the sums: they begin anew, what was learnt stays."""
 
 
 @njit(cache=True)
-def response_relink(row: Any) -> None:
+def response_reset_leader(row: Any) -> None:
     """Another leader: the sums begin anew, what was learnt of the driver stays."""
-    row.ticks, row.statistic, row.disputed_s = 0, 0.0, 0.0
-    row.own_drift_mps, row.due_drift_mps, row.own_unusual, row.due_unusual = 0.0, 0.0, 0.0, 0.0
-    row.doubt.log_odds, row.doubt.t_s = 0.0, 0.0
+    row.ticks, row.statistic, row.exceedance_time_s = 0, 0.0, 0.0
+    row.measured_drift_mps, row.predicted_drift_mps, row.follower_surprise, row.leader_surprise = 0.0, 0.0, 0.0, 0.0
+    row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
@@ -143,14 +143,14 @@ def push(ring: Any, newest: float) -> None:
 
 
 @njit(cache=True)
-def observe(row: Any, z: Any, gap_m: float) -> None:
+def store_regressors(row: Any, z: Any, gap_m: float) -> None:
     """Remember this tick as the cause of the next."""
     gap = max(gap_m, GAP_FLOOR_M)
-    row.before[0] = 1.0
-    row.before[1] = gap / GAP_SCALE_M
-    row.before[2] = z.v_mps / SPEED_SCALE_MPS
-    row.before[3] = z.leader_v_mps - z.v_mps
-    row.before[4] = log(gap)
+    row.regressors[0] = 1.0
+    row.regressors[1] = gap / GAP_SCALE_M
+    row.regressors[2] = z.v_mps / SPEED_SCALE_MPS
+    row.regressors[3] = z.leader_v_mps - z.v_mps
+    row.regressors[4] = log(gap)
     row.t_s, row.v_mps = z.t_s, z.v_mps
     row.leader_t_s, row.leader_v_mps = z.leader_t_s, z.leader_v_mps
     row.ticks += 1
@@ -159,71 +159,75 @@ def observe(row: Any, z: Any, gap_m: float) -> None:
 @njit(cache=True)
 def sums(row: Any) -> Any:
     """Return (own, due) of step, dip and drift, m/s."""
-    own, due, own_before, due_before = 0.0, 0.0, 0.0, 0.0
+    measured, predicted, measured_before, predicted_before = 0.0, 0.0, 0.0, 0.0
     for k in range(SPAN):
-        own += PULSE[k] * row.own_mps[k]
-        due += PULSE[k] * row.due_mps[k]
-        own_before += PULSE[k] * row.own_mps[SPAN + k]
-        due_before += PULSE[k] * row.due_mps[SPAN + k]
-    return (own, due), (own - own_before, due - due_before), (row.own_drift_mps, row.due_drift_mps)
+        measured += PULSE[k] * row.measured_mps[k]
+        predicted += PULSE[k] * row.predicted_mps[k]
+        measured_before += PULSE[k] * row.measured_mps[SPAN + k]
+        predicted_before += PULSE[k] * row.predicted_mps[SPAN + k]
+    return (
+        (measured, predicted),
+        (measured - measured_before, predicted - predicted_before),
+        (row.measured_drift_mps, row.predicted_drift_mps),
+    )
 
 
 @njit(cache=True)
-def inexact_ms(own: float, due: float) -> float:
+def answer_spread_ms(measured: float, predicted: float) -> float:
     """Return the variance that comes with the manoeuvre that was answered, (m/s)^2."""
-    return (INEXACT * min(abs(own), abs(due))) ** 2 if own * due > 0.0 else 0.0
+    return (ANSWER_SPREAD * min(abs(measured), abs(predicted))) ** 2 if measured * predicted > 0.0 else 0.0
 
 
 @njit(cache=True)
-def stand_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
+def is_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
     """Return whether the reported speeds of follower and leader have not changed of late."""
-    own, leader = True, True
+    measured, leader = True, True
     for k in range(LAGS):
-        own = own and abs(row.own_mps[k]) < STILL_MPS
+        measured = measured and abs(row.measured_mps[k]) < STILL_MPS
         leader = leader and abs(row.leader_a_mps2[k]) * p.tick_s < STILL_MPS
-    return own, leader
+    return measured, leader
 
 
 @njit(cache=True)
-def judge(row: Any, p: ResponseParams) -> None:
+def update_statistic(row: Any, p: ResponseParams) -> None:
     """Write statistic, gate and whose motion is unusual, from the sums."""
     row.gate = alarm_gate.gate(row.tail, p.budget)
     row.statistic = 0.0
-    for which, (own, due) in enumerate(sums(row)):
-        minor = MINOR_MPS[which] ** 2
-        z = abs(own - due) / sqrt(row.residual_ms[which] + minor + inexact_ms(own, due))
+    for which, (measured, predicted) in enumerate(sums(row)):
+        floor = SPREAD_FLOOR_MPS[which] ** 2
+        z = abs(measured - predicted) / sqrt(row.residual_ms[which] + floor + answer_spread_ms(measured, predicted))
         row.statistic = max(row.statistic, z)
         if which < DRIFT and z == row.statistic:
-            row.own_unusual = 0.5 * own**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
-            row.due_unusual = 0.5 * due**2 / (UNUSUAL**2 * (row.natural_ms[which] + minor))
-    own_still, leader_still = stand_still(row, p)
-    if own_still:
-        row.own_unusual += max(log(FROZEN / max(row.still_share[0], RARELY)), 0.0)
+            row.follower_surprise = 0.5 * measured**2 / (SURPRISE_SIGMA**2 * (row.natural_ms[which] + floor))
+            row.leader_surprise = 0.5 * predicted**2 / (SURPRISE_SIGMA**2 * (row.natural_ms[which] + floor))
+    follower_still, leader_still = is_still(row, p)
+    if follower_still:
+        row.follower_surprise += max(log(FROZEN_SHARE / max(row.still_share[0], STILL_SHARE_MIN)), 0.0)
     if leader_still:
-        row.due_unusual += max(log(FROZEN / max(row.still_share[1], RARELY)), 0.0)
+        row.leader_surprise += max(log(FROZEN_SHARE / max(row.still_share[1], STILL_SHARE_MIN)), 0.0)
 
 
 @njit(cache=True)
-def weigh_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
+def accumulate_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
     """Add to the pair's doubt whether the step was an answer to the leader or a motion without regard to it."""
-    own, due = sums(row)[0]
-    residual, natural = row.residual_ms[0] + MINOR_MPS[0] ** 2, row.natural_ms[0] + MINOR_MPS[0] ** 2
-    answer = (own - due) ** 2 / residual + log(residual)
-    without_regard = own**2 / natural + log(natural)
-    weigh(row.doubt, 0.5 * (answer - without_regard), dt_s / (SPAN * p.tick_s), t_s)
+    measured, predicted = sums(row)[0]
+    residual, natural = row.residual_ms[0] + SPREAD_FLOOR_MPS[0] ** 2, row.natural_ms[0] + SPREAD_FLOOR_MPS[0] ** 2
+    answer = (measured - predicted) ** 2 / residual + log(residual)
+    unrelated = measured**2 / natural + log(natural)
+    accumulate(row.pair_fault, 0.5 * (answer - unrelated), dt_s / (SPAN * p.tick_s), t_s)
 
 
 @njit(cache=True)
 def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
     """Follow how much the speeds move and what is left unexplained, each square cut at OUTLIER standard deviations."""
-    share = dt_s / min(p.spread_s + row.heard_s, p.memory_s)
-    for which, still in enumerate(stand_still(row, p)):
+    share = dt_s / min(p.spread_s + row.learning_time_s, p.memory_s)
+    for which, still in enumerate(is_still(row, p)):
         row.still_share[which] += share * (still - row.still_share[which])
-    for which, (own, due) in enumerate(sums(row)):
-        minor, residual, natural = MINOR_MPS[which] ** 2, row.residual_ms[which], row.natural_ms[which]
-        unexplained = max((own - due) ** 2 - inexact_ms(own, due), 0.0)
-        row.residual_ms[which] += share * (min(unexplained, OUTLIER**2 * (residual + minor)) - residual)
-        row.natural_ms[which] += share * (min(own**2, OUTLIER**2 * (natural + minor)) - natural)
+    for which, (measured, predicted) in enumerate(sums(row)):
+        floor, residual, natural = SPREAD_FLOOR_MPS[which] ** 2, row.residual_ms[which], row.natural_ms[which]
+        unexplained = max((measured - predicted) ** 2 - answer_spread_ms(measured, predicted), 0.0)
+        row.residual_ms[which] += share * (min(unexplained, OUTLIER**2 * (residual + floor)) - residual)
+        row.natural_ms[which] += share * (min(measured**2, OUTLIER**2 * (natural + floor)) - natural)
 
 
 @njit(cache=True)
@@ -232,40 +236,42 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
     leader_dt_s = z.leader_t_s - row.leader_t_s
     push(row.leader_a_mps2, (z.leader_v_mps - row.leader_v_mps) / leader_dt_s if leader_dt_s > 0.5 * dt_s else 0.0)
     phi = np.empty(COLUMNS)
-    for k in range(OWN):
-        phi[k] = row.before[k]
+    for k in range(STATE_COLUMNS):
+        phi[k] = row.regressors[k]
     for k in range(LAGS):
-        phi[OWN + k] = row.leader_a_mps2[k]
-    due = 0.0
+        phi[STATE_COLUMNS + k] = row.leader_a_mps2[k]
+    predicted = 0.0
     for k in range(COLUMNS):
-        due += phi[k] * row.theta[k]
-    own = z.v_mps - row.v_mps
-    push(row.own_mps, own)
-    push(row.due_mps, due * dt_s)
+        predicted += phi[k] * row.theta[k]
+    measured = z.v_mps - row.v_mps
+    push(row.measured_mps, measured)
+    push(row.predicted_mps, predicted * dt_s)
     kept = exp(-dt_s / DRIFT_S)
-    row.own_drift_mps = kept * row.own_drift_mps + own
-    row.due_drift_mps = kept * row.due_drift_mps + due * dt_s
+    row.measured_drift_mps = kept * row.measured_drift_mps + measured
+    row.predicted_drift_mps = kept * row.predicted_drift_mps + predicted * dt_s
     if row.ticks < LAGS:
         return
-    if row.heard_s == 0.0:
+    if row.learning_time_s == 0.0:
         row.theta[:] = MEAN_DRIVER
         row.still_share[:] = TYPICAL_STILL
         for which in range(SUMS):
             row.residual_ms[which] = TYPICAL_MPS[which] ** 2
             row.natural_ms[which] = TYPICAL_MOTION_MPS[which] ** 2
-    row.heard_s += dt_s
-    if row.ticks >= FULL:
-        judge(row, p)
-        if row.heard_s > p.warming_s:
-            weigh_answer(row, z.t_s, dt_s, p)
+    row.learning_time_s += dt_s
+    if row.ticks >= WINDOW_TICKS:
+        update_statistic(row, p)
+        if row.learning_time_s > p.warming_s:
+            accumulate_answer(row, z.t_s, dt_s, p)
             beyond = row.statistic > row.gate
             alarm_gate.learn(row.tail, row.statistic, beyond, dt_s, p.budget)
-            row.disputed_s = min(max(row.disputed_s + (dt_s if beyond else -dt_s), 0.0), p.patience_s)
-            if beyond and row.disputed_s < p.patience_s:
+            row.exceedance_time_s = min(
+                max(row.exceedance_time_s + (dt_s if beyond else -dt_s), 0.0), p.relearn_after_s
+            )
+            if beyond and row.exceedance_time_s < p.relearn_after_s:
                 return
         learn_spread(row, dt_s, p)
     weight = dt_s * min(1.0, (OUTLIER / max(row.statistic, OUTLIER)) ** 2)
-    ridge_learn(row.A, row.b, phi, own / dt_s, exp(-dt_s / p.memory_s), weight)
+    ridge_learn(row.A, row.b, phi, measured / dt_s, exp(-dt_s / p.memory_s), weight)
     if row.ticks % SOLVE_EVERY == 0:
         ridge_solve(row.A, row.b, p.ridge_s, MEAN_DRIVER, row.theta)
 
@@ -288,11 +294,11 @@ def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
         if begun:
             tick(row, z, dt_s, p)
         else:
-            response_relink(row)
-        observe(row, z, gap_m)
+            response_reset_leader(row)
+        store_regressors(row, z, gap_m)
     check.statistic = row.statistic
     check.gate = row.gate
     rate_per_hour = alarm_gate.false_alarms_per_hour(row.tail, row.statistic, p.budget)
     check.p_value = min(1.0, rate_per_hour * p.tick_s / 3600.0)
-    check.warming = row.heard_s <= p.warming_s or row.ticks <= FULL
+    check.warming = row.learning_time_s <= p.warming_s or row.ticks <= WINDOW_TICKS
     check.anomalous = not check.warming and row.statistic > row.gate

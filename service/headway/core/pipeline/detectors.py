@@ -4,29 +4,31 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from headway.core.consistency.pair_tests import LINK, LinkParams, link_params
+from headway.core.consistency.pair_tests import PAIR_TESTS, PairTestParams, pair_test_params
 from headway.core.estimation import registry
 from headway.core.types.config import DetectorConfig
 
-LINK_SHARE = 0.5
+PAIR_TEST_SHARE = 0.5
 """Of the alarm budget, what the tests between two cars may spend; the rest is the filter's."""
 
 
 @dataclass(frozen=True, slots=True)
-class Judges:
+class Detectors:
     """Everything that a verdict depends on beside the row and the reading."""
 
     model: registry.Model
-    link_params: LinkParams
+    pair_test_params: PairTestParams
     dtype: np.dtype[np.void]
-    """Row of the bank: `model`, the filter's part, and `link`."""
+    """Row of the bank: `model`, the filter's part, and `pair_tests`."""
 
 
-def judges(config: DetectorConfig) -> Judges:
+def build_detectors(config: DetectorConfig) -> Detectors:
     """Return the judges that `config` asks for; KeyError for an unknown model."""
-    model = registry.build(replace(config, alarm_budget_per_hour=(1.0 - LINK_SHARE) * config.alarm_budget_per_hour))
-    return Judges(
+    model = registry.build(
+        replace(config, alarm_budget_per_hour=(1.0 - PAIR_TEST_SHARE) * config.alarm_budget_per_hour)
+    )
+    return Detectors(
         model=model,
-        link_params=link_params(LINK_SHARE * config.alarm_budget_per_hour),
-        dtype=np.dtype([("model", model.dtype), ("link", LINK)]),
+        pair_test_params=pair_test_params(PAIR_TEST_SHARE * config.alarm_budget_per_hour),
+        dtype=np.dtype([("model", model.dtype), ("pair_tests", PAIR_TESTS)]),
     )

@@ -6,25 +6,25 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from headway.core.consistency.pair_tests import LINK_VERDICT, LinkParams, standing, step_links
-from headway.core.pipeline.classify import Settled, keep, settle
-from headway.core.pipeline.ingest import Entered
+from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, PairTestParams, step_pair_tests, substitute_rejected
+from headway.core.pipeline.classify import RoundCounts, classify, store
+from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.tables import Limits, Tables
-from headway.core.tracking.pairing import look
-from headway.core.tracking.tracks import leave_crumb
+from headway.core.tracking.pairing import find_leaders
+from headway.core.tracking.tracks import extend_path_history
 from headway.core.types.batch import F64, I64
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
 
-class Concluded(NamedTuple):
+class Finalised(NamedTuple):
     """What a wave came to."""
 
-    settled: Settled
-    links: Records
+    counts: RoundCounts
+    pair_tests: Records
     """(n,) of LINK_VERDICT."""
     marks: NDArray[np.uint8]
-    """(n,) of `settle`."""
+    """(n,) of `classify`."""
     nis: F64
     """Of the scored readings."""
     leader_changes: int
@@ -34,50 +34,52 @@ _SCORED = np.uint8(Outcome.SCORED)
 
 
 @njit(cache=True)
-def conclude(
+def finalise(
     tables: Tables,
-    entered: Entered,
+    ingested: Ingested,
     declared_rows: I64,
     verdicts: Records,
     now_us: int,
     limits: Limits,
-    link_params: LinkParams,
+    pair_test_params: PairTestParams,
     out_outcomes: NDArray[np.uint8],
-) -> Concluded:
+) -> Finalised:
     """Take the `verdicts` (n,) of the filter into all tables, and write the outcomes of the readings (B,)."""
-    rows, readings = entered.rows, entered.readings
+    rows, readings = ingested.rows, ingested.readings
     n = rows.size
     located = np.empty(n, np.bool_)
-    keep(rows, readings, verdicts, tables.newest, tables.judged_t_s, located)
-    leave_crumb(tables.tracks, rows, located, verdicts["v_mps"])
-    leader_changes = look(
+    store(rows, readings, verdicts, tables.newest_verdicts, tables.verdict_t_s, located)
+    extend_path_history(tables.tracks, rows, located, verdicts["v_mps"])
+    leader_changes = find_leaders(
         tables.tracks,
         tables.pairing,
         tables.grid,
         rows,
-        declared_rows[entered.places],
+        declared_rows[ingested.places],
         now_us,
         limits.pairing_range_m,
         limits.lane_width_m,
         np.empty(n, np.bool_),
     )
-    links = np.zeros(n, LINK_VERDICT)
-    step_links(tables.links, rows, entered.leaders, standing(readings, verdicts), link_params, links)
+    pair_tests = np.zeros(n, PAIR_TEST_VERDICT)
+    step_pair_tests(
+        tables.pair_tests, rows, ingested.leaders, substitute_rejected(readings, verdicts), pair_test_params, pair_tests
+    )
     outcomes, marks = np.empty(n, np.uint8), np.empty(n, np.uint8)
-    settled = settle(
+    counts = classify(
         tables.tracks,
         rows,
         verdicts,
-        links,
-        entered.silent_us,
+        pair_tests,
+        ingested.step_us,
         limits.silence_timeout_s,
         limits.warming_readings,
-        tables.filter_active,
-        tables.link_active,
-        tables.miss_active,
+        tables.filter_event_active,
+        tables.pair_event_active,
+        tables.miss_event_active,
         outcomes,
         marks,
     )
-    out_outcomes[entered.places] = outcomes
+    out_outcomes[ingested.places] = outcomes
     nis = verdicts["nis"][outcomes == _SCORED]
-    return Concluded(settled, links, marks, nis, leader_changes)
+    return Finalised(counts, pair_tests, marks, nis, leader_changes)

@@ -13,7 +13,7 @@ _FROM_THE_FUTURE = np.uint8(Outcome.FROM_THE_FUTURE)
 
 
 @njit(cache=True)
-def refuse_by_age(
+def reject_by_age(
     t_us: I64, received_us: I64, max_age_us: float, max_ahead_us: float, out_outcomes: NDArray[np.uint8]
 ) -> None:
     """Write the outcome of each record (B,) as far as its two times decide it."""
@@ -27,12 +27,12 @@ def refuse_by_age(
 
 
 @njit(cache=True)
-def waves(rows: I64, t_us: I64, outcomes: NDArray[np.uint8], seen: I64) -> tuple[I64, I64, int]:
-    """Return (order, nth, count) of the n records that are still to be judged.
+def rounds(rows: I64, t_us: I64, outcomes: NDArray[np.uint8], records_by_row: I64) -> tuple[I64, I64, int]:
+    """Return (order, nth, count) of the n records that are not rejected so far.
 
-    `order` (n,) are their places by event time and row; `nth` (n,) says how many records of the same vehicle come
-    before, so that those of equal `nth` are a wave of distinct vehicles; `count` is the number of waves. `seen` (C,),
-    all zeros before and after, is room to work in.
+    `order` (n,) are their places by event time, then row. `nth` (n,) is the number of earlier records of the same
+    vehicle, so records of equal `nth` form a round of distinct vehicles. `count` is the number of rounds.
+    `records_by_row` (C,) is workspace, all zeros before and after.
     """
     taken = np.flatnonzero(outcomes == _SCORED)
     by_row = taken[np.argsort(rows[taken], kind="mergesort")]
@@ -41,9 +41,9 @@ def waves(rows: I64, t_us: I64, outcomes: NDArray[np.uint8], seen: I64) -> tuple
     count = 0
     for i in range(order.size):
         row = rows[order[i]]
-        nth[i] = seen[row]
-        seen[row] += 1
-        count = max(count, seen[row])
+        nth[i] = records_by_row[row]
+        records_by_row[row] += 1
+        count = max(count, records_by_row[row])
     for i in range(order.size):
-        seen[rows[order[i]]] = 0
+        records_by_row[rows[order[i]]] = 0
     return order, nth, count

@@ -20,14 +20,14 @@ class Tables(NamedTuple):
     bank: Records
     bank_bytes: NDArray[np.uint8]
     """(C, bytes) the bank once more: a row of bytes is wiped faster than a record."""
-    links: Records
-    newest: Records
+    pair_tests: Records
+    newest_verdicts: Records
     """Each vehicle's newest verdict."""
-    judged_t_s: F64
+    verdict_t_s: F64
     rings: EvidenceRings
-    filter_active: NDArray[np.bool_]
-    link_active: NDArray[np.bool_]
-    miss_active: NDArray[np.bool_]
+    filter_event_active: NDArray[np.bool_]
+    pair_event_active: NDArray[np.bool_]
+    miss_event_active: NDArray[np.bool_]
 
 
 class Columns(NamedTuple):

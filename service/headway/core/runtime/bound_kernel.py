@@ -6,7 +6,7 @@ from typing import Any
 import numba
 
 
-def of_first_types(kernel: Any) -> Callable[..., Any]:
+def bind_signature(kernel: Any) -> Callable[..., Any]:
     """Return `kernel` for arguments that have, at every call, the types and memory layouts that they have at the first.
 
     That is not checked again, and arrays of others would be misread: it is for tables, and for columns that were made

@@ -12,9 +12,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from headway.core.tracking.geodesy import displacement_m
-from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMBS, EAST, NORTH, X
+from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_NORTH, CRUMB_SPACING_M, CRUMB_X, CRUMBS
 
-_TRAIL_COS_MIN = 0.77  # 40 degrees: a base lags its car by up to one spacing of a tight turn
+_PATH_COS_MIN = 0.77  # 40 degrees: a base lags its car by up to one spacing of a tight turn
 _STRAIGHT_COS_MIN = 0.97  # 14 degrees, where the trail is continued straight
 _BASELINE = 2  # crumbs to either side that give a trail its direction
 
@@ -28,12 +28,12 @@ def between_bases(from_track: Any, to_track: Any) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def ahead_on_trail(ahead: Any, behind: Any, reach_m: float, range_m: float) -> tuple[float, float]:
+def distance_along_path(ahead: Any, behind: Any, corridor_m: float, range_m: float) -> tuple[float, float]:
     """Return (metres from `behind` to `ahead` along the trail of the latter, how far left of the trail `behind` is).
 
-    The metres are 0 where the trail does not pass within `reach_m` of the base of `behind`, in its direction, at most
-    `range_m` ago. Of several passes the newest counts. The trail is walked backwards in leaps: a place r away from the
-    newest crumb cannot lie beside the trail less than r - reach_m before it.
+    The metres are 0 if the path does not pass within `corridor_m` of the base of `behind`, in its direction, over the
+    last `range_m`. Of several passes the newest counts. The search goes backwards in leaps: a place r away from a crumb
+    is not beside the path within r - corridor_m before that crumb.
     """
     heading_east, heading_north = behind.base_heading_east, behind.base_heading_north
     if ahead.crumb_count == 0 or (heading_east == 0.0 and heading_north == 0.0):
@@ -47,31 +47,31 @@ def ahead_on_trail(ahead: Any, behind: Any, reach_m: float, range_m: float) -> t
     spacing_m = CRUMB_SPACING_M
     if oldest_back > 0:
         oldest = (newest - oldest_back) & (CRUMBS - 1)
-        spacing_m = max((crumbs[newest, X] - crumbs[oldest, X]) / oldest_back, CRUMB_SPACING_M)
+        spacing_m = max((crumbs[newest, CRUMB_X] - crumbs[oldest, CRUMB_X]) / oldest_back, CRUMB_SPACING_M)
 
-    best_squared = reach_m * reach_m
+    best_squared = corridor_m * corridor_m
     place_m = np.inf
     lateral_m = 0.0
     back = 0
     while back < oldest_back:
         newer = (newest - back) & (CRUMBS - 1)
-        if ahead.base_x_m - crumbs[newer, X] > range_m:
+        if ahead.base_x_m - crumbs[newer, CRUMB_X] > range_m:
             return 0.0, 0.0
-        to_east = east_m - crumbs[newer, EAST]
-        to_north = north_m - crumbs[newer, NORTH]
-        leap_m = 0.9 * (math.sqrt(to_east * to_east + to_north * to_north) - reach_m)
+        to_east = east_m - crumbs[newer, CRUMB_EAST]
+        to_north = north_m - crumbs[newer, CRUMB_NORTH]
+        leap_m = 0.9 * (math.sqrt(to_east * to_east + to_north * to_north) - corridor_m)
         leap = min(int(leap_m / spacing_m), oldest_back - back)
-        while leap > 0 and crumbs[newer, X] - crumbs[(newer - leap) & (CRUMBS - 1), X] > leap_m:
+        while leap > 0 and crumbs[newer, CRUMB_X] - crumbs[(newer - leap) & (CRUMBS - 1), CRUMB_X] > leap_m:
             leap -= 1
         if leap > 0:
             if place_m != np.inf:
                 break
-            best_squared = reach_m * reach_m
+            best_squared = corridor_m * corridor_m
             back += leap
             continue
         older = (newer - 1) & (CRUMBS - 1)
-        along_east = crumbs[newer, EAST] - crumbs[older, EAST]
-        along_north = crumbs[newer, NORTH] - crumbs[older, NORTH]
+        along_east = crumbs[newer, CRUMB_EAST] - crumbs[older, CRUMB_EAST]
+        along_north = crumbs[newer, CRUMB_NORTH] - crumbs[older, CRUMB_NORTH]
         length_squared = max(along_east * along_east + along_north * along_north, 1e-6)
         beyond = 1.0 + (to_east * along_east + to_north * along_north) / length_squared
         part = min(max(beyond, 0.0), 1.0)
@@ -83,49 +83,49 @@ def ahead_on_trail(ahead: Any, behind: Any, reach_m: float, range_m: float) -> t
             if place_m != np.inf:
                 break
             continue
-        trail_east, trail_north = _trail_direction(crumbs, newest, back - 1, oldest_back)
-        if trail_east * heading_east + trail_north * heading_north < _TRAIL_COS_MIN:
+        path_east, path_north = _path_direction(crumbs, newest, back - 1, oldest_back)
+        if path_east * heading_east + path_north * heading_north < _PATH_COS_MIN:
             continue
         best_squared = apart_squared
         if (beyond > 1.0 and back == 1) or (beyond < 0.0 and back == oldest_back):
             place_m = np.inf
             continue
-        place_m = crumbs[older, X] + part * (crumbs[newer, X] - crumbs[older, X])
+        place_m = crumbs[older, CRUMB_X] + part * (crumbs[newer, CRUMB_X] - crumbs[older, CRUMB_X])
         lateral_m = math.copysign(math.sqrt(apart_squared), along_east * beside_north - along_north * beside_east)
     if place_m == np.inf:
-        place_m, lateral_m = _continue_straight(ahead, east_m, north_m, heading_east, heading_north, reach_m)
+        place_m, lateral_m = _continue_straight(ahead, east_m, north_m, heading_east, heading_north, corridor_m)
     ahead_m = ahead.base_x_m - place_m
     return (ahead_m, lateral_m) if 0.0 < ahead_m <= range_m else (0.0, 0.0)
 
 
 @njit(cache=True)
 def _continue_straight(
-    ahead: Any, east_m: float, north_m: float, heading_east: float, heading_north: float, reach_m: float
+    ahead: Any, east_m: float, north_m: float, heading_east: float, heading_north: float, corridor_m: float
 ) -> tuple[float, float]:
     """Return (odometer, lateral) of a place behind the oldest crumb, on its straight continuation; inf if not there."""
     crumbs = ahead.crumbs
     oldest_back = ahead.crumb_count - 1
     oldest = (ahead.newest_crumb - oldest_back) & (CRUMBS - 1)
-    trail_east, trail_north = ahead.base_heading_east, ahead.base_heading_north
+    path_east, path_north = ahead.base_heading_east, ahead.base_heading_north
     if oldest_back > 2 * _BASELINE:
-        trail_east, trail_north = _trail_direction(crumbs, ahead.newest_crumb, oldest_back - _BASELINE, oldest_back)
-    if trail_east * heading_east + trail_north * heading_north < _STRAIGHT_COS_MIN:
+        path_east, path_north = _path_direction(crumbs, ahead.newest_crumb, oldest_back - _BASELINE, oldest_back)
+    if path_east * heading_east + path_north * heading_north < _STRAIGHT_COS_MIN:
         return np.inf, 0.0
-    to_east = east_m - crumbs[oldest, EAST]
-    to_north = north_m - crumbs[oldest, NORTH]
-    along_m = to_east * trail_east + to_north * trail_north
-    lateral_m = trail_east * to_north - trail_north * to_east
-    if along_m > 0.0 or abs(lateral_m) > reach_m:
+    to_east = east_m - crumbs[oldest, CRUMB_EAST]
+    to_north = north_m - crumbs[oldest, CRUMB_NORTH]
+    along_m = to_east * path_east + to_north * path_north
+    lateral_m = path_east * to_north - path_north * to_east
+    if along_m > 0.0 or abs(lateral_m) > corridor_m:
         return np.inf, 0.0
-    return crumbs[oldest, X] + along_m, lateral_m
+    return crumbs[oldest, CRUMB_X] + along_m, lateral_m
 
 
 @njit(cache=True)
-def _trail_direction(crumbs: NDArray[np.float32], newest: int, back: int, oldest_back: int) -> tuple[float, float]:
+def _path_direction(crumbs: NDArray[np.float32], newest: int, back: int, oldest_back: int) -> tuple[float, float]:
     """Return the unit direction of the trail around the segment that begins `back` crumbs before the newest."""
     newer = (newest - max(back - _BASELINE + 1, 0)) & (CRUMBS - 1)
     older = (newest - min(back + _BASELINE, oldest_back)) & (CRUMBS - 1)
-    east = crumbs[newer, EAST] - crumbs[older, EAST]
-    north = crumbs[newer, NORTH] - crumbs[older, NORTH]
+    east = crumbs[newer, CRUMB_EAST] - crumbs[older, CRUMB_EAST]
+    north = crumbs[newer, CRUMB_NORTH] - crumbs[older, CRUMB_NORTH]
     length = math.hypot(east, north)
     return (east / length, north / length) if length > 0.0 else (0.0, 0.0)

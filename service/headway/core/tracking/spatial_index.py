@@ -114,7 +114,7 @@ def build(grid: Grid, tracks: Records, range_m: float, now_us: int) -> None:
 
 
 @njit(cache=True)
-def find_near(grid: Grid, follower: Any, row: int, range_m: float, near: I64, apart_squared: F64) -> int:
+def find_near(grid: Grid, follower: Any, row: int, range_m: float, nearby: I64, apart_squared: F64) -> int:
     """Write the rows of the vehicles nearest ahead, nearest first, none of them oncoming; return how many."""
     cell_deg = range_m / _METRES_PER_DEGREE_MIN
     buckets = grid.bucket_start.size - 1
@@ -147,10 +147,10 @@ def find_near(grid: Grid, follower: Any, row: int, range_m: float, near: I64, ap
                     continue
                 k = min(count, NEAREST - 1)
                 while k > 0 and apart_squared[k - 1] > squared:
-                    near[k] = near[k - 1]
+                    nearby[k] = nearby[k - 1]
                     apart_squared[k] = apart_squared[k - 1]
                     k -= 1
-                near[k] = entry.row
+                nearby[k] = entry.row
                 apart_squared[k] = squared
                 count = min(count + 1, NEAREST)
                 if count == NEAREST:

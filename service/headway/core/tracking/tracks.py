@@ -9,9 +9,9 @@ unit headings there and now, and phi the angle between them,
 which is the arc length of the circle through both places (the factor is taken as 1 + (1 - h0 . h) / 12, its value to
 second order in phi). A bad position makes one bad `x_m` and leaves nothing behind in the next.
 
-**Trail.** `advance` only reads the base; once the reading has been judged, `leave_crumb` moves it. A trusted reading
-becomes the base when it lies `CRUMB_SPACING_M` further on; instead of a reading that is not trusted, the base is
-carried on by the recovered speed. Every place of the base is kept in a ring of crumbs.
+**Path history.** `advance` reads the base; `extend_path_history` moves it after the verdict. A reading with a valid
+location becomes the base when it is `CRUMB_SPACING_M` further on. If the location is invalid, the recovered speed moves
+the base. Each place of the base is stored in a ring of crumbs (SAE J2735 PathHistory, crumbData).
 
 East and north are metres in a plane that rolls along with the vehicle, from an arbitrary origin per row: only
 differences within one row mean anything.
@@ -44,7 +44,7 @@ DEFAULT_LENGTH_M = 4.7
 
 MSG_CNT_MODULUS = 128
 
-EAST, NORTH, X = 0, 1, 2
+CRUMB_EAST, CRUMB_NORTH, CRUMB_X = 0, 1, 2
 """Columns of a crumb."""
 
 _INTERVAL_GAIN = 1.0 / 16.0
@@ -73,7 +73,7 @@ TRACK = np.dtype(
         ("heading_east", "f8"),  # unit vector; (0, 0): not known yet
         ("heading_north", "f8"),
         ("heading_declared", "?"),  # by the newest reading, in motion
-        ("heading_firm", "?"),  # was ever known in motion
+        ("heading_known", "?"),  # was ever known in motion
         ("accuracy_m", "f8"),  # declared, 1 sigma; NaN: never
         ("length_m", "f8"),
         ("from_base_east_m", "f8"),  # newest reading, seen from the base
@@ -121,31 +121,31 @@ def advance(
     max_gap_s: float,
     out_outcome: NDArray[np.uint8],
     out_x_m: F64,
-    out_missed: I64,
-    out_began: NDArray[np.bool_],
+    out_sequence_gaps: I64,
+    out_initialised: NDArray[np.bool_],
 ) -> None:
     """Take one reading into each of `rows`; every column is (B,) and a row occurs at most once.
 
-    `out_outcome` is DUPLICATE (an event time already seen), OUT_OF_ORDER (an older one; the row stays as it was) or 0
-    for a reading to be judged, whose odometer is in `out_x_m` (NaN otherwise). `out_missed` counts the messages that
-    `msg_cnt` says were sent in between. `out_began` is true where the odometer began anew: a new vehicle, or more than
-    `max_gap_s` of silence. Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
+    `out_outcome` is DUPLICATE (an event time already seen), OUT_OF_ORDER (an older one; the row is unchanged) or 0 for
+    an accepted reading. `out_x_m` is its odometer, NaN if rejected. `out_sequence_gaps` is the number of messages lost
+    before it, by `msg_cnt`. `out_initialised` is true where the odometer starts at zero: a new vehicle, or a gap above
+    `max_gap_s`. Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
     """
     for i in range(rows.size):
         track = tracks[rows[i]]
         out_x_m[i] = np.nan
-        out_missed[i] = 0
-        out_began[i] = False
+        out_sequence_gaps[i] = 0
+        out_initialised[i] = False
         if t_us[i] <= track.t_us:
             out_outcome[i] = _DUPLICATE if t_us[i] == track.t_us else _OUT_OF_ORDER
             continue
         out_outcome[i] = _ACCEPTED
         step_s = 1e-6 * (t_us[i] - track.t_us)
         if track.t_us == 0 or step_s > max_gap_s:
-            _begin(track, lat_deg[i], lon_deg[i])
-            out_began[i] = True
+            _initialise(track, lat_deg[i], lon_deg[i])
+            out_initialised[i] = True
         else:
-            out_missed[i] = _count_missed(track, msg_cnt[i], step_s, max_gap_s)
+            out_sequence_gaps[i] = _sequence_gap(track, msg_cnt[i], step_s, max_gap_s)
             track.step_s = step_s
         track.t_us = t_us[i]
         track.received_us = received_us[i]
@@ -158,22 +158,22 @@ def advance(
             track.accuracy_m = accuracy_m[i]
         if length_m[i] > 0.0:
             track.length_m = length_m[i]
-        _measure(track, heading_deg[i])
-        if out_began[i]:
+        _update_odometer(track, heading_deg[i])
+        if out_initialised[i]:
             _push_crumb(track)
         out_x_m[i] = track.x_m
 
 
 @njit(cache=True)
-def leave_crumb(tracks: Records, rows: I64, trusted: NDArray[np.bool_], v_mps: F64) -> None:
-    """Move each row's base after its newest reading was judged; once per reading that `advance` accepted.
+def extend_path_history(tracks: Records, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64) -> None:
+    """Move each row's base after the verdict on its newest reading; once for each reading that `advance` accepted.
 
-    `trusted` (B,): the location may be believed. `v_mps` (B,): the recovered speed, which carries the base on where it
-    may not. A trusted reading too far from the base for one trail to hold both begins the trail anew, not the odometer.
+    `location_valid` (B,): the filter did not reject the location. `v_mps` (B,): the recovered speed, which moves the
+    base where the location is invalid. A valid reading too far from the base clears the path, not the odometer.
     """
     for i in range(rows.size):
         track = tracks[rows[i]]
-        if trusted[i]:
+        if location_valid[i]:
             east_m, north_m = track.from_base_east_m, track.from_base_north_m
             apart_m = math.hypot(east_m, north_m)
             if track.x_m - track.base_x_m < CRUMB_SPACING_M and apart_m < 3.0 * CRUMB_SPACING_M:
@@ -200,12 +200,12 @@ def leave_crumb(tracks: Records, rows: I64, trusted: NDArray[np.bool_], v_mps: F
         track.base_east_m += east_m
         track.base_north_m += north_m
         track.from_base_east_m = track.from_base_north_m = 0.0
-        if track.crumb_count == 0 or track.base_x_m - track.crumbs[track.newest_crumb, X] >= CRUMB_SPACING_M:
+        if track.crumb_count == 0 or track.base_x_m - track.crumbs[track.newest_crumb, CRUMB_X] >= CRUMB_SPACING_M:
             _push_crumb(track)
 
 
 @njit(cache=True)
-def _begin(track: Any, lat_deg: float, lon_deg: float) -> None:
+def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     """Set the odometer to zero at this place, with no trail behind it."""
     if track.t_us == 0:
         track.length_m = DEFAULT_LENGTH_M
@@ -215,7 +215,7 @@ def _begin(track: Any, lat_deg: float, lon_deg: float) -> None:
     track.count = 0
     track.step_s = 0.0
     track.heading_east = track.heading_north = 0.0
-    track.heading_firm = False
+    track.heading_known = False
     track.base_lat_deg, track.base_lon_deg = lat_deg, lon_deg
     track.base_x_m = track.base_east_m = track.base_north_m = 0.0
     track.base_heading_east = track.base_heading_north = 0.0
@@ -223,7 +223,7 @@ def _begin(track: Any, lat_deg: float, lon_deg: float) -> None:
 
 
 @njit(cache=True)
-def _count_missed(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
+def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
     """Messages lost before this one; also brings the sender's own interval up to date.
 
     A step of the counter by n says that n - 1 are lost, if the elapsed time has room for n at no less than half the
@@ -239,7 +239,7 @@ def _count_missed(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> 
 
 
 @njit(cache=True)
-def _measure(track: Any, heading_deg: float) -> None:
+def _update_odometer(track: Any, heading_deg: float) -> None:
     """Set heading and odometer of the newest reading, seen from the base."""
     east_m, north_m = displacement_m(track.base_lat_deg, track.base_lon_deg, track.lat_deg, track.lon_deg)
     track.from_base_east_m, track.from_base_north_m = east_m, north_m
@@ -251,10 +251,10 @@ def _measure(track: Any, heading_deg: float) -> None:
         track.heading_east = math.sin(math.radians(heading_deg))
         track.heading_north = math.cos(math.radians(heading_deg))
     elif moving:
-        _head_along(track, apart_m)
-    if not track.heading_firm and (moving or not known):
+        _derive_heading(track, apart_m)
+    if not track.heading_known and (moving or not known):
         track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
-        track.heading_firm = track.heading_declared or (moving and apart_m >= _CHORD_MIN_M)
+        track.heading_known = track.heading_declared or (moving and apart_m >= _CHORD_MIN_M)
 
     turn_cos = _turn_cos(track)
     if turn_cos < _TURN_COS_MIN:
@@ -268,12 +268,12 @@ def _measure(track: Any, heading_deg: float) -> None:
 
 
 @njit(cache=True)
-def _head_along(track: Any, apart_m: float) -> None:
+def _derive_heading(track: Any, apart_m: float) -> None:
     """Take the heading from the way since the base, for a sender that declares none."""
-    if apart_m < (_CHORD_MIN_M if track.heading_firm else 1e-3):
+    if apart_m < (_CHORD_MIN_M if track.heading_known else 1e-3):
         return
     east, north = track.from_base_east_m / apart_m, track.from_base_north_m / apart_m
-    if track.heading_firm and east * track.base_heading_east + north * track.base_heading_north < _TURN_COS_MIN:
+    if track.heading_known and east * track.base_heading_east + north * track.base_heading_north < _TURN_COS_MIN:
         return
     track.heading_east, track.heading_north = east, north
 
@@ -290,6 +290,6 @@ def _push_crumb(track: Any) -> None:
     track.newest_crumb = (track.newest_crumb + 1) & (CRUMBS - 1)
     track.crumb_count = min(track.crumb_count + 1, CRUMBS)
     crumb = track.crumbs[track.newest_crumb]
-    crumb[EAST] = track.base_east_m
-    crumb[NORTH] = track.base_north_m
-    crumb[X] = track.base_x_m
+    crumb[CRUMB_EAST] = track.base_east_m
+    crumb[CRUMB_NORTH] = track.base_north_m
+    crumb[CRUMB_X] = track.base_x_m

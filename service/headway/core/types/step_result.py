@@ -23,7 +23,7 @@ class Phase(StrEnum):
 class Evidence:
     """Enough to compute the verdict again: a row's state some readings ago, and every reading since.
 
-    `checkpoint` is the bank row (`judges.Judges.dtype`) before `readings[0]`; `readings` (n,) has dtype READING, oldest
+    `checkpoint` is the bank row (`Detectors.dtype`) before `readings[0]`; `readings` (n,) has dtype READING, oldest
     first, the judged one last; `leaders` (n,) is the row of whom the vehicle followed then, -1 for nobody: a row of
     another number is another leader, no more is read from it.
     """

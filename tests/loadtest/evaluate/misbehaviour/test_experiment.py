@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from headway.core.consistency.pair_tests import link_params
+from headway.core.consistency.pair_tests import pair_test_params
 from headway_loadtest.evaluate.misbehaviour.experiment import measure, onsets, readings_of, run_liars
 from headway_loadtest.evaluate.misbehaviour.platoons import Platoon, synthetic
 
@@ -11,7 +11,7 @@ from headway_loadtest.evaluate.misbehaviour.platoons import Platoon, synthetic
 @pytest.fixture(scope="module")
 def rows() -> dict[tuple[str, bool], dict]:
     drives = [synthetic(np.random.default_rng(seed), 150.0) for seed in (1, 2)]
-    p = link_params(1.0)
+    p = pair_test_params(1.0)
     return {
         (row["injection"], with_range): row
         for with_range in (False, True)
@@ -35,7 +35,7 @@ def test_the_response_alone_finds_feigned_brakes(rows: dict) -> None:
 
 
 def test_same_seed_same_rows() -> None:
-    drives, p = [synthetic(np.random.default_rng(3), 80.0)], link_params(1.0)
+    drives, p = [synthetic(np.random.default_rng(3), 80.0)], pair_test_params(1.0)
     assert list(measure("made", drives, False, 1, 5, p)) == list(measure("made", drives, False, 1, 5, p))
 
 
@@ -43,7 +43,7 @@ def test_a_drive_too_short_to_learn_from_gives_no_numbers() -> None:
     drives = [synthetic(np.random.default_rng(4), 30.0)]
     assert all(
         row["lies"] == 0 and row["recall_at_budget"] is None
-        for row in measure("made", drives, False, 1, 0, link_params(1.0))
+        for row in measure("made", drives, False, 1, 0, pair_test_params(1.0))
     )
 
 
