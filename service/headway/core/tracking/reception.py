@@ -1,9 +1,9 @@
-"""Misses: a sender that has stopped, judged by its own interval and by witnesses.
+"""Misses: a sender that has stopped, detected by its own interval and by its neighbours.
 
-Silence alone proves nothing: the vehicle may have left, changed its pseudonym, or the roadside unit itself may be deaf.
-A miss is stated while it lasts when the car ahead or the car behind is still heard, and afterwards when the sender
-comes back and others were heard meanwhile. It is never stated before `silence_timeout_s`: congestion control may stretch the
-interval to 600 ms (SAE J2945/1).
+Silence alone proves nothing. The vehicle may have left or changed its pseudonym, or the receiver may have an outage.
+A miss starts while the sender is silent if the vehicle ahead or behind is still received. Otherwise it starts when the
+sender reappears, if other vehicles were received meanwhile. It never starts before `silence_timeout_s`: congestion
+control may stretch the interval to 600 ms (SAE J2945/1).
 """
 
 import math
@@ -88,7 +88,7 @@ def pseudonym_changed(tracks: Records, first_received_us: I64, silent_row: int, 
 
 
 class ReceptionMonitor:
-    """When anything at all was heard, in buckets of 100 ms over the last minute: our own deafness is nobody's miss."""
+    """When any message was received, in buckets of 100 ms over the last minute: a receiver outage is not a miss."""
 
     BUCKET_US = 100_000
     BUCKETS = 600
