@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import zenoh
 from pydantic import ValidationError
 
-from headway.dashboard.errors import DashboardError
+from headway.errors import UserError
 from headway_schemas import Event, Health, Keys, PairState, RejectedCopy
 from headway_schemas.query import EVENTS, AlertsQuery
 
@@ -105,7 +105,7 @@ class BusFeed:
 
     Raises
     ------
-    DashboardError
+    UserError
         The endpoints, the sites or the configuration file are not usable.
     """
 
@@ -121,9 +121,9 @@ class BusFeed:
         try:
             self._keys = {site: Keys(prefix, site) for site in sites}
         except ValueError as error:
-            raise DashboardError(str(error)) from None
+            raise UserError(str(error)) from None
         if not self._keys:
-            raise DashboardError("no site: name at least one with --site")
+            raise UserError("no site: name at least one with --site")
         self._config = _configuration(connect, zenoh_config)
         self._inboxes: list[tuple[str, _Inbox]] = [
             (expression, _Inbox(site, model, inbox_limit))
@@ -224,7 +224,7 @@ def _configuration(connect: Sequence[str], file: Path | None) -> zenoh.Config:
         for path, value in _options(connect):
             config.insert_json5(path, json.dumps(value))
     except zenoh.ZError as error:
-        raise DashboardError(f"bus: {str(error).splitlines()[0]}") from None
+        raise UserError(f"bus: {str(error).splitlines()[0]}") from None
     return config
 
 

@@ -15,7 +15,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 from sim.loopback import free_endpoint
 
-from headway.cli.service_process import running_service
+from headway.cli.run.service_process import running_service
 from headway_loadtest.measure.result import Outcome
 from headway_loadtest.run import Plan, run
 from headway_loadtest.traffic.fleet import FleetFrames

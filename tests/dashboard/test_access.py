@@ -4,11 +4,11 @@ import pytest
 from dashboard.pageclient import PageClient
 from standin import FakeFeed
 
-from headway.dashboard import DashboardError
 from headway.dashboard.access import COOKIE, is_loopback, read_token
 from headway.dashboard.app import create_app
 from headway.dashboard.broadcast import Hub
 from headway.dashboard.server import serve
+from headway.errors import UserError
 
 TOKEN = "correct-horse-battery"
 
@@ -88,7 +88,7 @@ def test_what_is_reached_from_this_machine_only(host: str, loopback: bool) -> No
 
 
 def test_elsewhere_without_a_token_does_not_start() -> None:
-    with pytest.raises(DashboardError, match="--token-file"):
+    with pytest.raises(UserError, match="--token-file"):
         serve(host="0.0.0.0", port=0)
 
 
@@ -96,7 +96,7 @@ def test_elsewhere_without_a_token_does_not_start() -> None:
 def test_a_token_that_keeps_nobody_out_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "token"
     file.write_text(text)
-    with pytest.raises(DashboardError, match="at least 16"):
+    with pytest.raises(UserError, match="at least 16"):
         read_token(file)
 
 
@@ -104,12 +104,12 @@ def test_the_token_is_the_first_line(tmp_path: Path) -> None:
     file = tmp_path / "token"
     file.write_text(f"{TOKEN}\nrest\n")
     assert read_token(file) == TOKEN
-    with pytest.raises(DashboardError, match="No such file"):
+    with pytest.raises(UserError, match="No such file"):
         read_token(tmp_path / "none")
 
 
 @pytest.mark.parametrize(("connect", "sites"), [(["tcp/127.0.0.1:7447"], ["a/b"]), (["nonsense"], ["a"]), ([], [])])
 def test_unfit_options_are_one_line(connect: list[str], sites: list[str]) -> None:
-    with pytest.raises(DashboardError) as refusal:
+    with pytest.raises(UserError) as refusal:
         serve(connect=connect, sites=sites, port=0)
     assert "\n" not in str(refusal.value)

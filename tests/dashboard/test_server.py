@@ -9,9 +9,9 @@ import httpx
 import pytest
 from standin import START_US, FakeFeed, Traffic
 
-from headway.dashboard import DashboardError
 from headway.dashboard.broadcast import Hub
 from headway.dashboard.server import STALL_S, Server, bind, serve
+from headway.errors import UserError
 
 
 class BusyFeed(FakeFeed):
@@ -96,5 +96,5 @@ def test_a_bug_stops_the_server_and_shows() -> None:
 def test_a_taken_port_is_one_line() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
-        with pytest.raises(DashboardError, match=f"cannot listen on 127.0.0.1 port {port}: Address already in use"):
+        with pytest.raises(UserError, match=f"cannot listen on 127.0.0.1 port {port}: Address already in use"):
             serve(port=port)

@@ -196,11 +196,11 @@ def test_everything_is_exported_oldest_first(run: tuple[Path, list[Event]], tmp_
     exported = [Event.model_validate_json(line) for line in lines.read_bytes().splitlines()]
     assert [event.detected_us for event in exported] == in_order
     assert all(same([replayed(event)]) for event in exported)
-    invoke("alerts", "export", table, "--journal", journal, "--format", "csv")
+    invoke("alerts", "export", table, "--journal", journal)
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["detected_us"]) for row in rows] == in_order
-    invoke("alerts", "export", parquet, "--journal", journal, "--format", "parquet")
+    invoke("alerts", "export", parquet, "--journal", journal)
     frame = pl.read_parquet(parquet)
     assert frame.columns == list(rows[0])
     assert frame["detected_us"].to_list() == in_order
@@ -212,7 +212,7 @@ def test_an_export_is_narrowed_by_time_and_kind(run: tuple[Path, list[Event]], t
     kinds = {event.kind for event in told}
     out = tmp_path / "some.jsonl"
     for kind in kinds:
-        invoke("alerts", "export", out, "--journal", journal, "--kind", kind)
+        invoke("alerts", "export", out, "--journal", journal, "--kind", kind, "--force")
         assert len(out.read_bytes().splitlines()) == sum(event.kind is kind for event in told)
     status, shown = invoke("alerts", "list", "--journal", journal, "--to", "2023-11-14T22:13:20Z", "--json")
     assert (status, json.loads(shown)["alerts"]) == (0, [])

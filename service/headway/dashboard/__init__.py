@@ -1,5 +1,1 @@
 """What people see of the detector: a web page and a terminal view, subscribers of the bus like any other."""
-
-from headway.dashboard.errors import DashboardError
-
-__all__ = ["DashboardError"]

@@ -14,7 +14,7 @@ from starlette.datastructures import Headers, MutableHeaders, QueryParams
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from headway.dashboard.errors import DashboardError
+from headway.errors import UserError
 
 TOKEN_LENGTH_MIN: Final = 16
 COOKIE: Final = "headway_dashboard"
@@ -40,16 +40,16 @@ def read_token(file: Path) -> str:
 
     Raises
     ------
-    DashboardError
+    UserError
         The file cannot be read, or its token is too short to keep anyone out.
     """
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise DashboardError(f"token file {file}: {getattr(error, 'strerror', None) or error}") from None
+        raise UserError(f"token file {file}: {getattr(error, 'strerror', None) or error}") from None
     token = lines[0].strip() if lines else ""
     if len(token) < TOKEN_LENGTH_MIN or not token.isascii():
-        raise DashboardError(f"token file {file}: the first line needs at least {TOKEN_LENGTH_MIN} ASCII characters")
+        raise UserError(f"token file {file}: the first line needs at least {TOKEN_LENGTH_MIN} ASCII characters")
     return token
 
 

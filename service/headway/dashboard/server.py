@@ -14,7 +14,7 @@ from headway.client import BusFeed, Feed
 from headway.dashboard.access import is_loopback, read_token
 from headway.dashboard.app import create_app
 from headway.dashboard.broadcast import Hub
-from headway.dashboard.errors import DashboardError
+from headway.errors import UserError
 
 STALL_S: Final = 20.0
 
@@ -36,11 +36,11 @@ def serve(
 
     Raises
     ------
-    DashboardError
+    UserError
         The address cannot be had, a token is missing where others than this machine reach it, or an option is unfit.
     """
     if token_file is None and not is_loopback(host):
-        raise DashboardError(f"{host} is reached from outside: name a file that holds a token with --token-file")
+        raise UserError(f"{host} is reached from outside: name a file that holds a token with --token-file")
     token = None if token_file is None else read_token(token_file)
     feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)
     with bind(host, port) as listener:
@@ -93,7 +93,7 @@ def bind(host: str, port: int, stall_s: float = STALL_S) -> socket.socket:
         listener = socket.create_server(address, family=family)
     except (OSError, OverflowError) as error:
         problem = getattr(error, "strerror", None) or error
-        raise DashboardError(f"cannot listen on {host} port {port}: {problem}") from None
+        raise UserError(f"cannot listen on {host} port {port}: {problem}") from None
     if sys.platform == "linux":
         listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1_000 * stall_s))
     return listener

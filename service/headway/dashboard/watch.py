@@ -44,7 +44,7 @@ def watch(
 
     Raises
     ------
-    DashboardError
+    UserError
         An option is unfit.
     """
     feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)

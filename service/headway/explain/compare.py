@@ -1,30 +1,22 @@
 """`headway explain`: what was said of an event, beside what the same kernels say of the same readings now."""
 
 import struct
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from headway.cli.alerts import journal_file, statements
-from headway.client import BusFeed
 from headway.core.replay import replay
 from headway.core.types.records import Kind, Records, Sensor
-from headway.dashboard.errors import DashboardError
 from headway.edge.codec.evidence import from_wire
-from headway.errors import UserError
 from headway.kernel_cache import core_digest
 from headway.version import version
 from headway_schemas import event as wire
 from headway_schemas.event import Event, Phase
-from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
-_CONNECT_S: Final = 5.0
 Value = float | str | bool | None
 
 
@@ -58,25 +50,6 @@ class Explained:
     def same(self) -> bool:
         """Whether it was replayed and nothing differs."""
         return self.hindrance is None and all(number.same for number in self.numbers)
-
-
-def explain(event_id: str, *, journal: Path | None, connect: str | None, site: str) -> list[Explained]:
-    """Replay every statement of an event, out of a journal file or of the journals that answer on the bus.
-
-    Raises
-    ------
-    UserError
-        There is no such event, or nobody to ask.
-    """
-    try:
-        asked = AlertsQuery(event=event_id, evidence=True, limit=LIMIT_MAX)
-    except ValueError:
-        raise UserError(f"{event_id!r} is no event id; `headway alerts list` shows them") from None
-    told = _ask(connect, site, asked) if connect is not None else statements(journal_file(journal), asked)
-    if not told:
-        where = f"the journals of site {site}" if connect is not None else journal_file(journal)
-        raise UserError(f"{event_id}: no such event in {where}; `headway alerts list` shows what there is")
-    return [replayed(event) for event in told]
 
 
 def same(explained: Sequence[Explained]) -> bool:
@@ -155,28 +128,6 @@ def _bits(value: Value) -> Value | bytes:
 def _maker(event: Event) -> dict[str, Any]:
     parameters = event.evidence.parameters if event.evidence is not None else {}
     return {"version": parameters.get("version"), "core": parameters.get("core"), "config_hash": event.config_hash}
-
-
-def _ask(endpoint: str, site: str, asked: AlertsQuery) -> list[Event]:
-    """Ask the journals of a site; oldest first."""
-    try:
-        feed = BusFeed([endpoint], [site])
-    except DashboardError as error:
-        raise UserError(str(error)) from None
-    feed.start()
-    try:
-        give_up_s = time.monotonic() + _CONNECT_S
-        while not feed.link.connected and time.monotonic() < give_up_s:
-            time.sleep(0.05)
-        found = feed.history([site], asked)
-    finally:
-        feed.close()
-    if not found.answers:
-        said = f" ({found.problems[0]})" if found.problems else ""
-        raise UserError(
-            f"{endpoint}: no journal of site {site} answers{said}; see --site, and state_dir of the service"
-        )
-    return found.events[::-1]
 
 
 def show(explained: Sequence[Explained], console: Console) -> None:

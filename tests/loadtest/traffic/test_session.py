@@ -17,6 +17,6 @@ def threads_of_zenoh(module: str) -> str:
     return ended.stdout
 
 
-@pytest.mark.parametrize("first", ["headway_loadtest.traffic.session", "headway.cli.loadtest"])
+@pytest.mark.parametrize("first", ["headway_loadtest.traffic.session", "headway.cli.run.loadtest"])
 def test_a_service_inherits_from_the_generator_what_it_would_ask_for_itself(first) -> None:
     assert threads_of_zenoh(first) == threads_of_zenoh("headway.edge.transport.zenoh_bus")

@@ -5,7 +5,7 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 from sim.until import until
 
-from headway.cli.service_process import scraping
+from headway.cli.run.service_process import scraping
 
 
 def test_metrics_are_read_all_the_while_and_nobody_minds_when_they_are_not_there() -> None:

@@ -1,0 +1,39 @@
+"""`headway explain`: what was said of an event, beside what the same kernels say of it now."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from headway.cli.options import AsJson, JournalFile
+from headway.errors import UserError
+
+
+def explain(
+    event_id: Annotated[str, typer.Argument(help="As alerts carry it and `headway alerts list` shows it.")],
+    journal: JournalFile = None,
+    connect: Annotated[str | None, typer.Option(help="zenoh endpoint of a service to ask instead of a file.")] = None,
+    site: Annotated[str, typer.Option(help="Site to ask there.")] = "local",
+    plot: Annotated[Path | None, typer.Option(help="PNG or SVG file of readings, expectations and verdicts.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Judge the evidence of an event again and compare, number by number; exit 1 when one differs."""
+    from rich.console import Console
+
+    from headway.cli.run import alerts
+    from headway.explain import compare as again
+
+    stored = alerts.on_bus(event_id, connect, site) if connect is not None else alerts.in_journal(event_id, journal)
+    explained = [again.replayed(event) for event in stored]
+    if plot is not None:
+        try:
+            from headway.explain.plot import draw
+        except ModuleNotFoundError as error:
+            raise UserError(f"--plot needs {error.name}: pip install 'headway[plots]'") from None
+        draw(explained, plot)
+    if as_json:
+        typer.echo(json.dumps(again.to_json(explained)))
+    else:
+        again.show(explained, Console())
+    raise typer.Exit(0 if again.same(explained) else 1)

@@ -1,0 +1,22 @@
+"""The options that several commands take."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file of settings; HEADWAY_* wins over it.")]
+Connect = Annotated[
+    list[str] | None, typer.Option("--connect", help="zenoh endpoint of the service or a router; may be repeated.")
+]
+Sites = Annotated[list[str] | None, typer.Option("--site", help="Site to show; may be repeated.")]
+ZenohConfig = Annotated[Path | None, typer.Option(help="JSON5 file of zenoh's own options, such as certificates.")]
+JournalFile = Annotated[
+    Path | None, typer.Option("--journal", help="Journal of a service; by default that of state_dir.")
+]
+From = Annotated[str | None, typer.Option("--from", help="Detected at this time (ISO 8601, UTC) or later.")]
+To = Annotated[str | None, typer.Option(help="Detected before this time.")]
+OfKind = Annotated[str | None, typer.Option("--kind", help="One kind, such as bias.")]
+OfPhase = Annotated[str | None, typer.Option("--phase", help="onset, update or cleared; onset gives a line for each.")]
+OfVehicle = Annotated[str | None, typer.Option("--vehicle", help="Suspect, follower or leader.")]
+AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output and nothing else.")]

@@ -1,0 +1,112 @@
+"""Every event update of a journal, written as lines, CSV or Parquet."""
+
+import csv
+import json
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any, Final
+
+from headway.cli.run.alerts import in_one_line
+from headway.edge.storage import journal_query
+from headway.errors import UserError
+from headway_schemas.query import AlertsQuery
+
+Writer = Callable[[Iterable[bytes], IO[bytes]], int]
+"""Writes the JSON of statements in its own format; returns how many."""
+
+_PARTS: Final = {"innovation": ("x_m", "v_mps"), "recovered": ("x_m", "v_mps", "x_std_m", "v_std_mps")}
+_STAGES: Final = ("wire", "queue", "decode", "detect")
+
+
+def writer(form: str | None, out: Path | None) -> Writer:
+    """Return what writes a format, by default that of the ending of `out`.
+
+    Raises
+    ------
+    UserError
+        No such format, or one that is no text for standard output.
+    """
+    chosen = form or ("jsonl" if out is None else out.suffix.lstrip("."))
+    if chosen not in _WRITERS:
+        wanted = f"--format {form}" if form else f"{out}"
+        raise UserError(f"{wanted}: choose jsonl, csv or parquet, as the ending of the file or with --format")
+    if chosen == "parquet" and out is None:
+        raise UserError("--format parquet is no text: name a file to write")
+    return _WRITERS[chosen]
+
+
+def export(file: Path, asked: AlertsQuery, write: Writer, out: Path | None) -> int:
+    """Write every statement that meets the query, oldest first, `limit` aside; return how many."""
+    with in_one_line(file), _output(out) as to:
+        return write((told.json for told in journal_query.read(file, asked, oldest_first=True)), to)
+
+
+def write_lines(told: Iterable[bytes], to: IO[bytes]) -> int:
+    """Write each as it went out, a line of JSON; return how many."""
+    return sum(1 for line in told if to.write(line + b"\n"))
+
+
+def write_csv(told: Iterable[bytes], to: IO[bytes]) -> int:
+    """Write the flat columns of each, the evidence left out; return how many."""
+    lines = csv.writer(_Encoder(to))
+    count = 0
+    for row in map(flat, told):
+        if not count:
+            lines.writerow(row)
+        lines.writerow(row.values())
+        count += 1
+    return count
+
+
+class _Encoder:
+    """Text to bytes, for the csv module."""
+
+    def __init__(self, to: IO[bytes]) -> None:
+        self._to = to
+
+    def write(self, text: str) -> int:
+        return self._to.write(text.encode())
+
+
+def flat(told: bytes) -> dict[str, Any]:
+    """Return one row: every field but the evidence, the parts of a part under names of their own."""
+    event: dict[str, Any] = json.loads(told)
+    del event["evidence"]
+    row: dict[str, Any] = {}
+    for name, value in event.items():
+        if name in _PARTS:
+            row |= {f"{name}_{part}": (value or {}).get(part) for part in _PARTS[name]}
+        elif name == "latency_us":
+            row |= {f"latency_{stage}_us": value.get(stage) for stage in _STAGES}
+        else:
+            row[name] = value
+    return row
+
+
+def write_parquet(told: Iterable[bytes], to: IO[bytes]) -> int:
+    """Write the flat columns of each, the evidence left out; return how many."""
+    try:
+        import polars as pl
+    except ModuleNotFoundError:
+        raise UserError("parquet needs polars: pip install 'headway[parquet]'") from None
+    table = pl.DataFrame([flat(one) for one in told], infer_schema_length=None)
+    table.write_parquet(to)
+    return table.height
+
+
+@contextmanager
+def _output(out: Path | None) -> Iterator[IO[bytes]]:
+    if out is None:
+        yield sys.stdout.buffer
+        return
+    try:
+        file = out.open("wb")
+    except OSError as error:
+        raise UserError(f"{out}: {error.strerror}") from None
+    with file:
+        yield file
+
+
+_WRITERS: Final[dict[str, Writer]] = {"jsonl": write_lines, "csv": write_csv, "parquet": write_parquet}

@@ -1,0 +1,42 @@
+"""A service of its own and a replay to it: sample drives with anomalies put in, and what was found of them."""
+
+import json
+import tempfile
+from pathlib import Path
+
+import typer
+from rich.console import Console
+
+from headway.cli.run.progress import in_one_line, progress_bar
+from headway.cli.run.service_process import running_service
+from headway_loadtest import run as runs
+from headway_loadtest.inject.faults import ALGORITHM_1, Kind, Spec
+from headway_loadtest.measure.report import Targets, show, to_json
+from headway_loadtest.sources import parse_sources
+from headway_loadtest.sources.sample import write_sample
+from headway_loadtest.traffic.frames import SceneFrames
+from headway_loadtest.traffic.session import connect
+from headway_schemas.keys import Keys
+
+DEMO_SEED = 1
+DEMO_INJECTION = Spec(c=1.0, p=0.003, share=0.4, kinds=(*ALGORITHM_1, Kind.SHORT, Kind.MISS))
+
+
+def demo(*, pairs: int, seconds: float, as_json: bool) -> None:
+    """Service and replay in one go: a sample in the SPMD format, with anomalies put in, and what was found of them."""
+    console = Console(stderr=as_json)
+    with in_one_line(), tempfile.TemporaryDirectory() as folder:
+        write_sample(Path(folder), pairs=pairs, seconds=seconds)
+        source = parse_sources([folder], seconds=seconds, seed=DEMO_SEED)
+        frames = SceneFrames(source, seed=DEMO_SEED, inject=DEMO_INJECTION)
+        console.print("Starting the service (its first start compiles the filters, which takes a minute).")
+        with (
+            running_service({"site": "demo"}) as service,
+            connect(service.endpoint) as session,
+            progress_bar("driving", seconds, console) as show_progress,
+        ):
+            outcome = runs.run(session, frames, Keys("v2x", "demo"), runs.Plan(), on_progress=show_progress)
+    if as_json:
+        typer.echo(json.dumps(to_json(outcome, Targets())))
+    else:
+        show(outcome, console)
