@@ -64,7 +64,7 @@ def event(
         )
         if heard
         else None,
-        latency_us={Stage.WIRE: 1_100, Stage.QUEUE: 340, Stage.DECODE: 120, Stage.JUDGE: 740},
+        latency_us={Stage.WIRE: 1_100, Stage.QUEUE: 340, Stage.DECODE: 120, Stage.DETECT: 740},
         model="headway",
         config_hash="7f3a91c2",
         confidence=0.93,
