@@ -169,7 +169,7 @@ class Service:
     keys: Keys
     journal: list[Event] = field(default_factory=list)
 
-    def tell(self, *messages: Event | PairState | Health) -> None:
+    def publish(self, *messages: Event | PairState | Health) -> None:
         """Put messages where the service puts them; events go to the journal first."""
         for message in messages:
             match message:

@@ -33,9 +33,9 @@ class Naive:
     def take(self, sample: zenoh.Sample) -> None:
         content = msgpack.unpackb(sample.payload.to_bytes())
         for record in content if isinstance(content[0], list) else [content]:
-            self._judge(from_record(record))
+            self._detect(from_record(record))
 
-    def _judge(self, bsm: Bsm) -> None:
+    def _detect(self, bsm: Bsm) -> None:
         x_m = bsm.lat * METRES_PER_DEGREE
         if bsm.id not in self._pairs:
             self._pairs[bsm.id] = self._kind(x_m, bsm.speed_mps)

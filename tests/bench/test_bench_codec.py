@@ -6,7 +6,7 @@ import pytest
 from pytest_benchmark.fixture import BenchmarkFixture
 
 from headway.edge.codec.decoder import Codec
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway_schemas import Keys
 from headway_schemas.bsm import FIELDS
 from headway_schemas.encodings import BSM_MSGPACK
@@ -21,18 +21,22 @@ RECORDS = [
 ]  # fmt: skip
 
 
-def arrival(sender: str, content: object) -> Arrival:
-    return Arrival(KEYS.bsm(sender), msgpack.packb(content), BSM_MSGPACK, is_put=True, received_us=0, received_ns=0)
+def received(sender: str, content: object) -> ReceivedMessage:
+    return ReceivedMessage(
+        KEYS.bsm(sender), msgpack.packb(content), BSM_MSGPACK, is_put=True, received_us=0, received_ns=0
+    )
 
 
 @pytest.mark.parametrize("form", ["compact", "map", "bundles of 25"])
 def test_decode_500_records(benchmark: BenchmarkFixture, form: str) -> None:
     if form == "compact":
-        arrivals = [arrival(str(record[1]), record) for record in RECORDS]
+        received_messages = [received(str(record[1]), record) for record in RECORDS]
     elif form == "map":
-        arrivals = [arrival(str(record[1]), dict(zip(FIELDS, record[:-1], strict=False))) for record in RECORDS]
+        received_messages = [
+            received(str(record[1]), dict(zip(FIELDS, record[:-1], strict=False))) for record in RECORDS
+        ]
     else:
-        arrivals = [arrival("gw-1", RECORDS[i : i + 25]) for i in range(0, len(RECORDS), 25)]
+        received_messages = [received("gw-1", RECORDS[i : i + 25]) for i in range(0, len(RECORDS), 25)]
     benchmark.extra_info["readings"] = len(RECORDS)
-    decoded = benchmark(Codec(KEYS).decode, arrivals)
+    decoded = benchmark(Codec(KEYS).decode, received_messages)
     assert len(decoded.batch) == len(RECORDS)

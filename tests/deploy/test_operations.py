@@ -20,7 +20,7 @@ from headway.dashboard.view_state import Board
 from headway.edge.clock import SystemClock
 from headway.edge.storage.journal import Reason
 from headway.edge.telemetry.metrics import TABLE
-from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.receive_queue import ReceiveQueue
 from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
 from headway.settings import Settings, allowed
 from headway_schemas import Event, Kind, Phase, Sensor, encodings
@@ -104,7 +104,7 @@ def test_every_reason_for_not_telling_is_explained() -> None:
         instance="i", mode="peer", connect=(), listen=(), options=None,
         connect_timeout_s=1.0, block_timeout_s=1.0, alert_limit=1,
     )  # fmt: skip
-    bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), Inbox(1, 1, 1, len))
+    bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), ReceiveQueue(1, 1, 1, len))
     dropped = set(bus.dropped)
     bus.close()
     assert set(names("What is not told")) == dropped | {"rejected_copy_rate"}

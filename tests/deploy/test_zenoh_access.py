@@ -18,7 +18,7 @@ from sim.until import until
 from headway.client import BusFeed
 from headway.edge.clock import SystemClock
 from headway.edge.transport.ports import Channel
-from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.receive_queue import ReceiveQueue
 from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
 from headway.settings import Settings
 from headway_schemas import RejectedCopy
@@ -123,7 +123,7 @@ class Members:
             block_timeout_s=10.0,
             alert_limit=100,
         )
-        bus = ZenohBus(config, KEYS, SystemClock(), Inbox(1_000, 1 << 24, 10**12, len))
+        bus = ZenohBus(config, KEYS, SystemClock(), ReceiveQueue(1_000, 1 << 24, 10**12, len))
         assert bus.open(lambda _: False)
         self.stack.callback(bus.close)
         return bus
@@ -146,7 +146,7 @@ def bus(tls: Path, address: str) -> Iterator[Members]:
 
 
 def said(service: ZenohBus) -> list[tuple[str, bytes]]:
-    return [(arrival.key, arrival.payload) for arrival in service.drain(1_000, 1 << 24, 0)]
+    return [(received.key, received.payload) for received in service.drain(1_000, 1 << 24, 0)]
 
 
 FENCES = count()

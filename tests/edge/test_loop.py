@@ -4,7 +4,7 @@ import json
 from collections import Counter
 
 import pytest
-from edge.codec.messages import arrival, ids_of, record
+from edge.codec.messages import ids_of, received, record
 from edge.stub import StubEngine, event
 from sim.clock import FakeClock
 from sim.memory_bus import MemoryQuery
@@ -19,9 +19,9 @@ from headway_schemas import Event, Health, PairState, RejectedCopy
 
 def test_a_turn_hands_what_has_come_to_the_detector_in_one_batch() -> None:
     rig = Rig(StubEngine())
-    rig.bus.deliver(arrival(record("a"), "a"))
-    rig.bus.deliver(arrival([record("b"), record("c")], "gw-1"))
-    assert rig.shell.turn() == 2
+    rig.bus.deliver(received(record("a"), "a"))
+    rig.bus.deliver(received([record("b"), record("c")], "gw-1"))
+    assert rig.loop.iterate() == 2
     assert [ids_of(batch.ids) for batch in rig.engine.batches] == [["a", "b", "c"]]
     assert (rig.ledger.messages, rig.ledger.scored, rig.ledger.records) == (2, 3, 3)
 
@@ -29,22 +29,22 @@ def test_a_turn_hands_what_has_come_to_the_detector_in_one_batch() -> None:
 def test_a_turn_takes_no_more_than_the_limit() -> None:
     rig = Rig(StubEngine(), batch_limit=2)
     for _ in range(5):
-        rig.bus.deliver(arrival(record()))
-    assert [rig.shell.turn() for _ in range(4)] == [2, 2, 1, 0]
+        rig.bus.deliver(received(record()))
+    assert [rig.loop.iterate() for _ in range(4)] == [2, 2, 1, 0]
 
 
 def test_without_messages_time_passes_for_the_detector_but_not_in_every_turn() -> None:
     rig = Rig(StubEngine())
-    rig.turns(seconds=1.0, step_s=0.001)
+    rig.iterate(seconds=1.0, step_s=0.001)
     assert len(rig.engine.batches) == 50
 
 
 def test_an_event_goes_to_its_alert_topic_with_the_way_it_took() -> None:
     rig = Rig(StubEngine())
-    sent = arrival(record("car1"), "car1")
+    sent = received(record("car1"), "car1")
     rig.bus.deliver(sent)
     rig.engine.events = [event(t_us=sent.received_us - 7, received_us=rig.clock.wall_us() - 500)]
-    rig.shell.turn()
+    rig.loop.iterate()
     [(key, payload)] = rig.bus.on(Channel.ALERT)
     told = Event.model_validate_json(payload)
     assert key == KEYS.alert("bias", "car1")
@@ -60,8 +60,8 @@ def test_an_event_goes_to_its_alert_topic_with_the_way_it_took() -> None:
 def test_a_miss_was_in_no_queue() -> None:
     rig = Rig(StubEngine())
     rig.engine.events = [event(evidence=None, sensor=Sensor.LINK, nis=float("nan"))]
-    rig.bus.deliver(arrival(record()))
-    rig.shell.turn()
+    rig.bus.deliver(received(record()))
+    rig.loop.iterate()
     told = Event.model_validate_json(rig.bus.on(Channel.ALERT)[0][1])
     assert "queue" not in told.latency_us
     assert told.nis is None
@@ -70,23 +70,23 @@ def test_a_miss_was_in_no_queue() -> None:
 def test_a_rejection_by_the_codec_is_counted_in_full_and_copied_at_a_limited_rate_and_size() -> None:
     rig = Rig(StubEngine(), rejected_rate_hz=3.0)
     for _ in range(10):
-        rig.bus.deliver(arrival(b"\xc1 no msgpack at all"))
-    rig.shell.turn()
+        rig.bus.deliver(received(b"\xc1 no msgpack at all"))
+    rig.loop.iterate()
     copies = [RejectedCopy.model_validate_json(payload) for _, payload in rig.bus.on(Channel.REJECTED)]
     assert [(c.reason, c.payload, c.truncated) for c in copies] == [("malformed", b"\xc1 no msg", True)] * 3
     assert rig.ledger.rejected == {"malformed": 10}
     assert rig.ledger.copies_withheld == 7
     rig.clock.sleep(1.0)
-    rig.bus.deliver(arrival(b"\xc1"))
-    rig.shell.turn()
+    rig.bus.deliver(received(b"\xc1"))
+    rig.loop.iterate()
     assert len(rig.bus.on(Channel.REJECTED)) == 4
 
 
 def test_each_reason_has_a_rate_of_its_own() -> None:
     rig = Rig(StubEngine(), rejected_rate_hz=1.0)
-    for sent in (arrival(b"\xc1"), arrival(b"\xc1"), arrival(record("b"), "a"), arrival(record(), is_put=False)):
+    for sent in (received(b"\xc1"), received(b"\xc1"), received(record("b"), "a"), received(record(), is_put=False)):
         rig.bus.deliver(sent)
-    rig.shell.turn()
+    rig.loop.iterate()
     reasons = Counter(key.rpartition("/")[2] for key, _ in rig.bus.on(Channel.REJECTED))
     assert reasons == {"malformed": 1, "identity_mismatch": 1, "not_a_put": 1}
 
@@ -98,10 +98,10 @@ def test_there_is_a_word_for_every_rejection_of_the_core() -> None:
 @pytest.mark.parametrize("reason", list(DETAILS))
 def test_a_rejection_by_the_core_is_copied_with_the_payload_it_came_in(reason: Outcome) -> None:
     rig = Rig(StubEngine())
-    rig.bus.deliver(arrival(record("a"), "a"))
-    rig.bus.deliver(arrival(record("b"), "b"))
+    rig.bus.deliver(received(record("a"), "a"))
+    rig.bus.deliver(received(record("b"), "b"))
     rig.engine.outcomes = [Outcome.SCORED, reason]
-    rig.shell.turn()
+    rig.loop.iterate()
     [(key, payload)] = rig.bus.on(Channel.REJECTED)
     assert key == KEYS.rejected(reason.label)
     assert RejectedCopy.model_validate_json(payload).sender == "b"
@@ -111,18 +111,18 @@ def test_a_rejection_by_the_core_is_copied_with_the_payload_it_came_in(reason: O
 def test_no_copy_is_made_that_nobody_wants() -> None:
     rig = Rig(StubEngine())
     rig.bus.unwanted.add(Channel.REJECTED)
-    rig.bus.deliver(arrival(b"\xc1"))
-    rig.shell.turn()
+    rig.bus.deliver(received(b"\xc1"))
+    rig.loop.iterate()
     assert rig.bus.on(Channel.REJECTED) == []
     assert rig.ledger.rejected == {"malformed": 1}
 
 
 def test_each_vehicle_is_told_of_once_a_second_and_not_all_at_once() -> None:
     rig = Rig(StubEngine(vehicles=200), state_rate_hz=1.0)
-    rig.turns(seconds=0.5)
+    rig.iterate(seconds=0.5)
     half = len(rig.bus.on(Channel.STATE))
     assert 0.4 * 200 < half < 0.6 * 200
-    rig.turns(seconds=2.0)
+    rig.iterate(seconds=2.0)
     told = [PairState.model_validate_json(payload) for _, payload in rig.bus.on(Channel.STATE)]
     assert set(Counter(state.follower for state in told).values()) <= {2, 3}
     standings = {state.follower: state.standing for state in told}
@@ -131,7 +131,7 @@ def test_each_vehicle_is_told_of_once_a_second_and_not_all_at_once() -> None:
 
 def test_many_vehicles_are_told_of_at_the_budget() -> None:
     rig = Rig(StubEngine(vehicles=2_000), state_rate_hz=1.0, state_budget_hz=500.0)
-    rig.turns(seconds=2.0)
+    rig.iterate(seconds=2.0)
     assert len(rig.bus.on(Channel.STATE)) == pytest.approx(1_000, rel=0.1)
 
 
@@ -140,7 +140,7 @@ def test_no_state_is_told_that_nobody_wants(rate_hz: float) -> None:
     rig = Rig(StubEngine(vehicles=100), state_rate_hz=rate_hz)
     if rate_hz:
         rig.bus.unwanted.add(Channel.STATE)
-    rig.turns(seconds=2.0)
+    rig.iterate(seconds=2.0)
     assert rig.bus.on(Channel.STATE) == []
 
 
@@ -148,17 +148,17 @@ def test_the_question_for_all_pairs_is_answered_once_with_every_vehicle() -> Non
     rig = Rig(StubEngine(vehicles=150))
     query = MemoryQuery(KEYS.pairs)
     rig.bus.queries.append(query)
-    rig.turns(seconds=0.2)
+    rig.iterate(seconds=0.2)
     [answer] = query.answers
     assert {state["follower"] for state in json.loads(answer)} == {f"car{n}" for n in range(150)}
 
 
 def test_health_is_told_every_second_from_the_same_books() -> None:
     rig = Rig(StubEngine())
-    rig.turns(seconds=0.1)
-    for sent in (arrival(record()), arrival(b"\xc1")):
+    rig.iterate(seconds=0.1)
+    for sent in (received(record()), received(b"\xc1")):
         rig.bus.deliver(sent)
-    rig.turns(seconds=2.0)
+    rig.iterate(seconds=2.0)
     reports = [Health.model_validate_json(payload) for _, payload in rig.bus.on(Channel.HEALTH)]
     assert len(reports) == 3
     assert (reports[-1].scored, reports[-1].rejected, reports[-1].lost) == (
@@ -172,10 +172,10 @@ def test_health_is_told_every_second_from_the_same_books() -> None:
 
 def test_what_was_shed_is_in_the_books() -> None:
     rig = Rig(StubEngine(), queue_limit=2)
-    rig.bus.deliver(arrival([record("b"), record("c")], "gw-1"))
+    rig.bus.deliver(received([record("b"), record("c")], "gw-1"))
     for _ in range(2):
-        rig.bus.deliver(arrival(record()))
-    rig.shell.turn()
+        rig.bus.deliver(received(record()))
+    rig.loop.iterate()
     assert rig.ledger.lost == {"shed": 2, "stale": 0}
     assert rig.ledger.scored == 2
     assert rig.bus.received == rig.ledger.messages + rig.bus.shed + rig.bus.waiting
@@ -186,17 +186,17 @@ def test_silence_is_not_held_against_anybody_while_messages_wait_or_after_they_w
     sent = []
     for _ in range(3):
         rig.clock.sleep(0.3)
-        sent.append(arrival(record())._replace(received_us=rig.clock.wall_us(), received_ns=rig.clock.monotonic_ns()))
+        sent.append(received(record())._replace(received_us=rig.clock.wall_us(), received_ns=rig.clock.monotonic_ns()))
         rig.bus.deliver(sent[-1])
     rig.clock.sleep(0.1)
-    assert rig.shell.turn() == 2
+    assert rig.loop.iterate() == 2
     assert rig.engine.now_us == [sent[1].received_us]
-    assert rig.shell.turn() == 1
+    assert rig.loop.iterate() == 1
     assert rig.engine.now_us[-1] == rig.clock.wall_us()
     assert rig.engine.gaps_ignored_before_us == []
     rig.bus.deliver(sent[-1])
     rig.clock.sleep(2.0)
-    assert rig.shell.turn() == 0
+    assert rig.loop.iterate() == 0
     assert rig.ledger.lost == {"shed": 0, "stale": 1}
     assert rig.engine.gaps_ignored_before_us == [rig.clock.wall_us()]
 
@@ -204,8 +204,8 @@ def test_silence_is_not_held_against_anybody_while_messages_wait_or_after_they_w
 def test_the_time_in_the_queue_is_counted_from_the_receipt() -> None:
     rig = Rig(StubEngine())
     rig.clock.sleep(0.040)
-    rig.bus.deliver(arrival(record())._replace(received_ns=rig.clock.monotonic_ns() - 25_000_000))
-    rig.shell.turn()
+    rig.bus.deliver(received(record())._replace(received_ns=rig.clock.monotonic_ns() - 25_000_000))
+    rig.loop.iterate()
     [(_, payload)] = rig.bus.on(Channel.HEALTH)
     assert Health.model_validate_json(payload).latency_ms["max"] == 25.0
 
@@ -215,13 +215,13 @@ def test_the_loop_rests_after_each_turn_but_not_behind_a_backlog_and_longer_when
     rests: list[float] = []
     rig.clock.sleep = rests.append
     for _ in range(350):
-        rig.bus.deliver(arrival(record()))
-    turns = iter(range(6))
-    rig.shell.run(lambda: next(turns, None) is None)
+        rig.bus.deliver(received(record()))
+    iterations = iter(range(6))
+    rig.loop.run(lambda: next(iterations, None) is None)
     assert rests == [0.0005] * 4
     FakeClock.sleep(rig.clock, 1.5)
-    turns = iter(range(1))
-    rig.shell.run(lambda: next(turns, None) is None)
+    iterations = iter(range(1))
+    rig.loop.run(lambda: next(iterations, None) is None)
     assert rests[-1] == 0.005
 
 
@@ -235,17 +235,17 @@ def test_a_turn_of_four_rests_is_followed_by_a_quarter_of_one() -> None:
 
     rig.engine.step = judge_slowly
     rig.clock.sleep = rests.append
-    rig.bus.deliver(arrival(record()))
-    turns = iter(range(2))
-    rig.shell.run(lambda: next(turns, None) is None)
+    rig.bus.deliver(received(record()))
+    iterations = iter(range(2))
+    rig.loop.run(lambda: next(iterations, None) is None)
     assert rests == [0.000125, 0.0005]
 
 
 def test_drain_judges_what_is_queued_and_tells_a_last_report() -> None:
     rig = Rig(StubEngine(), batch_limit=2)
     for _ in range(5):
-        rig.bus.deliver(arrival(record()))
-    assert rig.shell.drain(10.0) == 0
+        rig.bus.deliver(received(record()))
+    assert rig.loop.drain(10.0) == 0
     assert not rig.bus.subscribed
     assert Health.model_validate_json(rig.bus.on(Channel.HEALTH)[-1][1]).scored == 5
 
@@ -253,20 +253,20 @@ def test_drain_judges_what_is_queued_and_tells_a_last_report() -> None:
 def test_drain_gives_up_in_the_end() -> None:
     rig = Rig(StubEngine())
     rig.bus.delivered = False
-    assert rig.shell.drain(0.5) == 0
+    assert rig.loop.drain(0.5) == 0
     assert rig.clock.monotonic_ns() >= 500_000_000
 
 
 def test_the_probes_follow_the_loop() -> None:
     rig = Rig(StubEngine())
-    assert (rig.vitals.ailment, rig.vitals.ready) == (None, False)
-    rig.shell.turn()
-    assert rig.vitals.ready
+    assert (rig.health.liveness_problem, rig.health.ready) == (None, False)
+    rig.loop.iterate()
+    assert rig.health.ready
     rig.bus.connected = False
-    rig.shell.turn()
-    assert rig.vitals.hindrance == "not connected to the bus"
+    rig.loop.iterate()
+    assert rig.health.readiness_problem == "not connected to the bus"
     rig.bus.connected = True
-    rig.shell.turn()
+    rig.loop.iterate()
     rig.clock.sleep(2.5)
-    assert rig.vitals.ailment == "the loop has not turned for 2.5 s"
-    assert not rig.vitals.ready
+    assert rig.health.liveness_problem == "no loop iteration for 2.5 s"
+    assert not rig.health.ready

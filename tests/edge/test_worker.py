@@ -2,17 +2,17 @@
 
 import threading
 
-from headway.edge.worker import Outbox
+from headway.edge.worker import Worker
 
 SOON_S = 10.0
 
 
 def test_acts_are_done_in_order_and_closing_waits_for_them() -> None:
     done: list[int] = []
-    outbox = Outbox("t", 100, OSError)
+    worker = Worker("t", 100, OSError)
     for n in range(50):
-        outbox.put(lambda n=n: done.append(n))
-    assert outbox.close(SOON_S)
+        worker.put(lambda n=n: done.append(n))
+    assert worker.close(SOON_S)
     assert done == list(range(50))
 
 
@@ -23,15 +23,15 @@ def test_behind_a_blocked_act_the_oldest_are_dropped_and_counted() -> None:
         begun.set()
         go.wait(SOON_S)
 
-    outbox = Outbox("t", 3, OSError)
-    outbox.put(block)
+    worker = Worker("t", 3, OSError)
+    worker.put(block)
     assert begun.wait(SOON_S)
     for n in range(5):
-        outbox.put(lambda n=n: done.append(n))
-    assert outbox.overflowed == 2
-    assert not outbox.close(0.0)
+        worker.put(lambda n=n: done.append(n))
+    assert worker.overflowed == 2
+    assert not worker.close(0.0)
     go.set()
-    assert outbox.close(SOON_S)
+    assert worker.close(SOON_S)
     assert done == [2, 3, 4]
 
 
@@ -41,8 +41,8 @@ def test_a_failure_is_counted_and_the_next_act_is_done() -> None:
     def fail() -> None:
         raise OSError
 
-    outbox = Outbox("t", 3, OSError)
-    outbox.put(fail)
-    outbox.put(lambda: done.append(1))
-    assert outbox.close(SOON_S)
-    assert (outbox.failed, done) == (1, [1])
+    worker = Worker("t", 3, OSError)
+    worker.put(fail)
+    worker.put(lambda: done.append(1))
+    assert worker.close(SOON_S)
+    assert (worker.failed, done) == (1, [1])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import polars as pl
 import pytest
-from edge.codec.messages import arrival, record
+from edge.codec.messages import received, record
 from sim.lying import LENGTH_M, NAMES, drive
 from sim.memory_bus import MemoryQuery
 from sim.rig import KEYS, Rig
@@ -40,7 +40,7 @@ def driven(folder: Path, seed: int = 1) -> Rig:
     for now in drive(seed):
         while rig.clock.wall_us() < now.t_us + 5_000:
             rig.clock.sleep(0.005)
-            rig.shell.turn()
+            rig.loop.iterate()
         for i, name in enumerate(NAMES):
             sent = record(
                 name,
@@ -54,11 +54,11 @@ def driven(folder: Path, seed: int = 1) -> Rig:
                 leader=[NAMES[i - 1], now.range_m[i]] if i else None,
             )
             now_us, now_ns = rig.clock.wall_us(), rig.clock.monotonic_ns()
-            rig.bus.deliver(arrival(sent, name)._replace(received_us=now_us, received_ns=now_ns))
-        rig.shell.turn()
-    rig.shell.drain(1.0)
-    assert rig.keeper is not None
-    rig.keeper.close()
+            rig.bus.deliver(received(sent, name)._replace(received_us=now_us, received_ns=now_ns))
+        rig.loop.iterate()
+    rig.loop.drain(1.0)
+    assert rig.persistence is not None
+    rig.persistence.close()
     return rig
 
 
@@ -84,7 +84,7 @@ def test_every_verdict_of_a_run_is_replayed_from_the_wire_bit_for_bit(run: tuple
     assert {event.phase for event in told} == set(Phase)
     for event in told:
         again = replayed(event)
-        assert again.hindrance is None
+        assert again.problem is None
         assert [number for number in again.numbers if not number.same] == []
         assert len(again.numbers) >= 11
 
@@ -99,9 +99,9 @@ def test_what_was_told_on_the_bus_is_what_the_journal_answers(run: tuple[Path, l
         MemoryQuery(KEYS.alerts, {"event": "nobody-1"}),
     ]
     later.bus.queries.extend(queries)
-    later.turns(0.1)
-    assert later.keeper is not None
-    later.keeper.close()
+    later.iterate(0.1)
+    assert later.persistence is not None
+    later.persistence.close()
     [answer] = queries[0].answers
     in_order = sorted(EVENTS.validate_json(answer), key=lambda event: event.detected_us)
     assert sorted(in_order, key=repr) == sorted(told, key=repr)
@@ -121,13 +121,13 @@ def test_the_command_shows_the_same_numbers_and_a_plot(
     status, out = invoke("explain", event_id, "--journal", journal, "--plot", picture, "--json")
     shown = json.loads(out)
     assert (status, shown["same"], shown["event_id"]) == (0, True, event_id)
-    assert shown["statements"][0]["phase"] == "onset"
+    assert shown["updates"][0]["phase"] == "onset"
     onset = next(event for event in told if event.event_id == event_id)
-    assert shown["statements"][0]["numbers"]["statistic"] == {"stored": onset.statistic, "recomputed": onset.statistic}
+    assert shown["updates"][0]["numbers"]["statistic"] == {"stored": onset.statistic, "recomputed": onset.statistic}
     assert picture.read_bytes().startswith(b"\x89PNG")
     status, out = invoke("explain", event_id, "--journal", journal)
     assert status == 0
-    assert "the same to the last bit" in out
+    assert "equal to the last bit" in out
 
 
 def test_a_verdict_that_does_not_come_out_again_is_said_so(run: tuple[Path, list[Event]]) -> None:
@@ -151,8 +151,8 @@ def test_evidence_of_another_make_is_not_replayed(run: tuple[Path, list[Event]])
         {"parameters": {**evidence.parameters, "delay_s": None}},
     ):
         again = replayed(event.model_copy(update={"evidence": evidence.model_copy(update=changes)}))
-        assert again.hindrance is not None
-        assert "another version made it" in again.hindrance
+        assert again.problem is not None
+        assert "made by another version" in again.problem
     _, config = from_wire(evidence)
     assert config == CONFIG
     assert type(config.warming_readings) is int
@@ -160,7 +160,7 @@ def test_evidence_of_another_make_is_not_replayed(run: tuple[Path, list[Event]])
 
 def test_a_miss_has_nothing_to_replay() -> None:
     event = Event.model_construct(event_id="car1-5-miss", kind=Kind.MISS, evidence=None)
-    assert replayed(event).hindrance == "silence leaves no readings"
+    assert replayed(event).problem == "a miss has no readings"
     assert same([replayed(event)])
 
 

@@ -19,8 +19,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def measured(request: pytest.FixtureRequest):
     """Notes a row of the table: what was done, what came of it, what it must be."""
 
-    def note(fault: str, got: str, must: str) -> None:
-        request.config.stash[_ROWS].append((fault, got, must))
+    def note(reason: str, got: str, must: str) -> None:
+        request.config.stash[_ROWS].append((reason, got, must))
 
     return note
 
@@ -30,5 +30,5 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: p
     if not rows:
         return
     terminalreporter.section("faults")
-    for fault, got, must in [("fault", "measured", "must be"), *rows]:
-        terminalreporter.write_line(f"{fault:<60} {got:<50} {must}")
+    for reason, got, must in [("fault", "measured", "must be"), *rows]:
+        terminalreporter.write_line(f"{reason:<60} {got:<50} {must}")

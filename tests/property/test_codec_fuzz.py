@@ -14,7 +14,7 @@ from headway.core.types.batch import Batch
 from headway.core.types.outcome import REJECTIONS
 from headway.edge.codec.decoder import Codec, Decoded
 from headway.edge.codec.messages import encode, rejected_copy
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway_schemas import Bsm, Keys
 from headway_schemas.bsm import FIELDS, from_record, to_map, to_record
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, J2735_ODE, J2735_RAW
@@ -95,8 +95,8 @@ def good_bsm(draw: st.DrawFn) -> Bsm:
     )
 
 
-def arrival(payload: bytes, encoding: str, key: str = KEYS.bsm("gw-1")) -> Arrival:
-    return Arrival(key, payload, encoding, is_put=True, received_us=1_700_000_000_000_000, received_ns=0)
+def received(payload: bytes, encoding: str, key: str = KEYS.bsm("gw-1")) -> ReceivedMessage:
+    return ReceivedMessage(key, payload, encoding, is_put=True, received_us=1_700_000_000_000_000, received_ns=0)
 
 
 def rows(batch: Batch) -> list[tuple[object, ...]]:
@@ -108,7 +108,7 @@ def assert_accounted(decoded: Decoded, records: int) -> None:
     assert len(decoded.batch) + sum(rejection.count for rejection in decoded.rejections) == records
     assert len(decoded.sources) == len(decoded.batch)
     for rejection in decoded.rejections:
-        assert rejection.fault.reason in REJECTIONS
+        assert rejection.reason.outcome in REJECTIONS
         encode(rejected_copy(rejection, payload_max_bytes=100))
 
 
@@ -116,7 +116,7 @@ def assert_accounted(decoded: Decoded, records: int) -> None:
 def test_any_bytes_are_accounted_for(payloads: list[tuple[bytes, str, bool]]) -> None:
     codec = Codec(KEYS)
     for payload, encoding, is_put in payloads:
-        decoded = codec.decode([arrival(payload, encoding)._replace(is_put=is_put)])
+        decoded = codec.decode([received(payload, encoding)._replace(is_put=is_put)])
         assert len(decoded.batch) + len(decoded.rejections) >= 1
         assert_accounted(decoded, len(decoded.batch) + sum(r.count for r in decoded.rejections))
 
@@ -124,7 +124,7 @@ def test_any_bytes_are_accounted_for(payloads: list[tuple[bytes, str, bool]]) ->
 @given(st.text(max_size=30) | st.text("v2xsbm/*$@#?a", max_size=20).map("v2x/s/bsm/".__add__))
 def test_any_key_is_accounted_for(key: str) -> None:
     record = msgpack.packb([1, "a", 0, 0, 0.0, 0.0, 0.0])
-    decoded = Codec(KEYS).decode([arrival(record, BSM_MSGPACK, key)])
+    decoded = Codec(KEYS).decode([received(record, BSM_MSGPACK, key)])
     assert_accounted(decoded, 1)
     assert decoded.rejections or key == "v2x/s/bsm/a" or key.startswith("v2x/s/bsm/gw-")
 
@@ -133,7 +133,7 @@ def test_any_key_is_accounted_for(key: str) -> None:
 def test_every_record_of_a_bundle_is_accounted_for(records: list[Any], encoding: str) -> None:
     bundle = [[], *records]  # an array first makes it a bundle
     payload = msgpack.packb(bundle) if encoding == BSM_MSGPACK else json.dumps(bundle, default=str).encode()
-    decoded = Codec(KEYS).decode([arrival(payload, encoding)])
+    decoded = Codec(KEYS).decode([received(payload, encoding)])
     assert_accounted(decoded, len(bundle))
     assert len({rejection.index for rejection in decoded.rejections}) == len(decoded.rejections)
 
@@ -145,13 +145,13 @@ def test_every_record_of_a_bundle_is_accounted_for(records: list[Any], encoding:
 @example({"coreData": {"secMark": 0}, "metadata": {"recordGeneratedAt": "9999-12-31T23:59:59-23:59"}}, J2735_ODE)
 def test_any_j2735_message_is_accounted_for(message: Any, encoding: str) -> None:
     count = len(message) if isinstance(message, list) and message else 1
-    decoded = Codec(KEYS).decode([arrival(json.dumps(message, default=str).encode(), encoding)])
+    decoded = Codec(KEYS).decode([received(json.dumps(message, default=str).encode(), encoding)])
     assert_accounted(decoded, count)
 
 
 @given(st.lists(doubtful_record(), min_size=1, max_size=6))
 def test_the_columns_accept_what_the_model_accepts(records: list[list[Any]]) -> None:
-    decoded = Codec(KEYS).decode([arrival(msgpack.packb([[], *records]), BSM_MSGPACK)])
+    decoded = Codec(KEYS).decode([received(msgpack.packb([[], *records]), BSM_MSGPACK)])
     accepted = set(range(len(records))) - {(rejection.index or 0) - 1 for rejection in decoded.rejections}
     assert accepted == {i for i, record in enumerate(records) if _model_accepts(record)}
 
@@ -171,17 +171,17 @@ def test_every_form_of_a_message_decodes_to_the_same_numbers(messages: list[Bsm]
     ]  # fmt: skip
     for form in (records, maps):
         for payload, encoding in ((msgpack.packb(form), BSM_MSGPACK), (json.dumps(form).encode(), BSM_JSON)):
-            decoded = codec.decode([arrival(payload, encoding)])
+            decoded = codec.decode([received(payload, encoding)])
             assert [tuple(None if repr(v) == "nan" else v for v in row) for row in rows(decoded.batch)] == expected
 
 
 @given(st.lists(doubtful_record(), min_size=1, max_size=8))
 def test_a_record_is_judged_the_same_alone_and_among_others(records: list[list[Any]]) -> None:
-    payloads = [arrival(msgpack.packb([record]), BSM_MSGPACK, KEYS.bsm("a")) for record in records]
+    payloads = [received(msgpack.packb([record]), BSM_MSGPACK, KEYS.bsm("a")) for record in records]
     together = Codec(KEYS).decode(payloads)
     alone = [Codec(KEYS).decode([payload]) for payload in payloads]
     assert repr(rows(together.batch)) == repr([row for decoded in alone for row in rows(decoded.batch)])
-    assert [r.fault for r in together.rejections] == [r.fault for decoded in alone for r in decoded.rejections]
+    assert [r.reason for r in together.rejections] == [r.reason for decoded in alone for r in decoded.rejections]
 
 
 def _model_accepts(record: list[Any]) -> bool:

@@ -4,9 +4,9 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from headway.core.types.outcome import Outcome
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
-from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.receive_queue import ReceiveQueue
 
 
 @dataclass
@@ -26,41 +26,41 @@ class MemoryQuery:
 class MemoryBus:
     """Keeps what was published; `deliver` stands for the callback of a real bus."""
 
-    def __init__(self, inbox: Inbox) -> None:
-        self._inbox = inbox
+    def __init__(self, receive_queue: ReceiveQueue) -> None:
+        self._receive_queue = receive_queue
         self.published: list[tuple[Channel, str, bytes]] = []
         self.unwanted: set[Channel] = set()
         self.queries: deque[MemoryQuery] = deque()
         self.dropped: dict[str, int] = {}
-        self.transports = 1
+        self.peers = 1
         self.connected = True
         self.subscribed = True
         self.delivered = True
 
-    def deliver(self, arrival: Arrival) -> None:
-        self._inbox.put([arrival])
+    def deliver(self, received: ReceivedMessage) -> None:
+        self._receive_queue.put([received])
 
     @property
     def received(self) -> int:
-        return self._inbox.received
+        return self._receive_queue.received
 
     @property
     def waiting(self) -> int:
-        return len(self._inbox)
+        return len(self._receive_queue)
 
     @property
     def shed(self) -> int:
-        return self._inbox.shed
+        return self._receive_queue.shed
 
     @property
     def shed_records(self) -> dict[Outcome, int]:
-        return self._inbox.shed_records
+        return self._receive_queue.shed_records
 
     def wanted(self, channel: Channel) -> bool:
         return channel not in self.unwanted
 
-    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
-        return self._inbox.drain(limit, bytes_limit, now_ns)
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[ReceivedMessage]:
+        return self._receive_queue.drain(limit, bytes_limit, now_ns)
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
         self.published.append((channel, key, payload))

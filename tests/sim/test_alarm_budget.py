@@ -7,7 +7,7 @@ from headway.core.engine import Engine
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
-from headway.core.types.records import Kind as Told
+from headway.core.types.records import Kind as StoredEvent
 from headway.core.types.step_result import Phase
 from headway_loadtest.inject.faults import Kind, Spec
 from headway_loadtest.sources import parse_sources
@@ -57,7 +57,7 @@ class Heard:
         )
         told = self._engine.step(batch, int(t_us[-1]) + LATENCY_US).events
         self.onsets += [
-            (e.suspect, e.t_us - START_US) for e in told if e.phase is Phase.ONSET and e.kind is not Told.MISS
+            (e.suspect, e.t_us - START_US) for e in told if e.phase is Phase.ONSET and e.kind is not StoredEvent.MISS
         ]
 
     @property

@@ -8,7 +8,7 @@ from sim.world import SimWorld
 from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
 from headway.edge.codec.decoder import Decoded
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
 
 
@@ -75,12 +75,12 @@ def test_a_loop_that_falls_behind_judges_the_fresh_accuses_nobody_and_soon_catch
     rig, waited_s = simulated.rig, []
     decode = rig.codec.decode
 
-    def decoded(arrivals: list[Arrival]) -> Decoded:
+    def decoded(received_messages: list[ReceivedMessage]) -> Decoded:
         now_s = rig.clock.monotonic_ns() / 1e9
-        waited_s.extend((now_s, now_s - arrival.received_ns / 1e9) for arrival in arrivals)
+        waited_s.extend((now_s, now_s - received.received_ns / 1e9) for received in received_messages)
         limit = 1 if now_s < 10.0 else 100  # at 50 turns a second, half of what comes in
-        rig.shell._config = replace(rig.shell._config, batch_limit=limit)
-        return decode(arrivals)
+        rig.loop._config = replace(rig.loop._config, batch_limit=limit)
+        return decode(received_messages)
 
     rig.codec.decode = decoded
     simulated.drive(vehicles=10, seconds=15.0)

@@ -46,7 +46,7 @@ def main() -> None:
     world.drive(vehicles=8, seconds=12.0)
     for _ in range(40):
         world.rig.clock.sleep(1.0)
-        world.rig.shell.turn()
+        world.rig.loop.iterate()
     told = {alert["kind"] for alert in world.said(Channel.ALERT)}
     if world.rig.engine.vehicles or not warm or len(told) < KINDS:
         raise SystemExit(f"nobody was forgotten, nothing was warmed up, or too little was told: {told}")

@@ -16,12 +16,12 @@ from sim.rig import KEYS, Rig
 from headway.core.engine import Engine
 from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
 from headway_schemas.bsm import FIELDS
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK
 
-TURN_S = 0.02
+ITERATION_S = 0.02
 GAP_M, SPEED_MPS = 25.0, 15.0
 METRES_PER_DEGREE = 111_000.0
 GATEWAY = "gw-1"
@@ -49,7 +49,7 @@ class SimWorld:
         """Records delivered to the bus."""
         self.spoilt: Counter[Outcome] = Counter()
         """Records delivered that cannot be read, by the reason they must be given."""
-        self._air: list[tuple[float, int, Arrival, int, Outcome | None]] = []
+        self._air: list[tuple[float, int, ReceivedMessage, int, Outcome | None]] = []
         self._order = count()
 
     def drive(self, vehicles: int, seconds: float, rate_hz: float = 10.0) -> None:
@@ -65,13 +65,13 @@ class SimWorld:
         while self._air or bus.waiting:
             now_s = clock.monotonic_ns() / 1e9
             while self._air and self._air[0][0] <= now_s:
-                _, _, arrival, records, reason = heapq.heappop(self._air)
-                bus.deliver(arrival._replace(received_us=clock.wall_us(), received_ns=clock.monotonic_ns()))
+                _, _, received, records, reason = heapq.heappop(self._air)
+                bus.deliver(received._replace(received_us=clock.wall_us(), received_ns=clock.monotonic_ns()))
                 self.records += records
                 if reason is not None:
                     self.spoilt[reason] += records
-            self.rig.shell.turn()
-            clock.sleep(TURN_S)
+            self.rig.loop.iterate()
+            clock.sleep(ITERATION_S)
 
     def digest(self) -> str:
         """Everything the service said and booked, less what its health reports tell of the machine."""
@@ -91,15 +91,15 @@ class SimWorld:
     def _send(self, vehicle: int, k: int, at_s: float) -> None:
         record = self._record(vehicle, k, at_s)
         name = record[1]
-        arrival, records = self._wrapped(record)
+        received, records = self._wrapped(record)
         if self._rng.random() < self._loss:
             return
         reason = None
         if self._rng.random() < self._garbled:
-            arrival, records, reason = self._garble(name, record)
+            received, records, reason = self._garble(name, record)
         for _ in range(2 if self._rng.random() < self._doubled else 1):
             due_s = at_s + self._rng.uniform(*self._delay_s)
-            heapq.heappush(self._air, (due_s, next(self._order), arrival, records, reason))
+            heapq.heappush(self._air, (due_s, next(self._order), received, records, reason))
 
     def _record(self, vehicle: int, k: int, at_s: float) -> list[Any]:
         lane, place = divmod(vehicle, 4)
@@ -110,38 +110,38 @@ class SimWorld:
         t_us = START_US + round(at_s * 1e6)
         return [1, f"car{vehicle}", k % 128, t_us, lat, -83.0 + 0.01 * lane, speed_mps, 0.0, None, None, None, 4.5]
 
-    def _wrapped(self, record: list[Any]) -> tuple[Arrival, int]:
+    def _wrapped(self, record: list[Any]) -> tuple[ReceivedMessage, int]:
         """Choose a form: compact, a map, JSON, or a bundle of a gateway with the record of a neighbour in it."""
         as_map = {name: value for name, value in zip(FIELDS, record, strict=False) if value is not None}
         match self._rng.integers(4):
             case 0:
-                return _arrival(record[1], msgpack.packb(record)), 1
+                return _received(record[1], msgpack.packb(record)), 1
             case 1:
-                return _arrival(record[1], msgpack.packb(as_map)), 1
+                return _received(record[1], msgpack.packb(as_map)), 1
             case 2:
-                return _arrival(record[1], json.dumps(as_map).encode(), BSM_JSON), 1
+                return _received(record[1], json.dumps(as_map).encode(), BSM_JSON), 1
             case _:
-                neighbour = [1, f"{record[1]}-neighbour", *record[2:5], record[5] + 0.005, *record[6:]]
-                return _arrival(GATEWAY, msgpack.packb([record, neighbour])), 2
+                peer = [1, f"{record[1]}-neighbour", *record[2:5], record[5] + 0.005, *record[6:]]
+                return _received(GATEWAY, msgpack.packb([record, peer])), 2
 
-    def _garble(self, name: str, record: list[Any]) -> tuple[Arrival, int, Outcome]:
+    def _garble(self, name: str, record: list[Any]) -> tuple[ReceivedMessage, int, Outcome]:
         whole = msgpack.packb(record)
-        spoilt: list[tuple[Arrival, int, Outcome]] = [
-            (_arrival(name, whole[:-1]), 1, Outcome.MALFORMED),
-            (_arrival(name, b""), 1, Outcome.MALFORMED),
-            (_arrival(name, msgpack.packb([9, *record[1:]])), 1, Outcome.WRONG_VERSION),
-            (_arrival(name, msgpack.packb([*record[:4], 91.0, *record[5:]])), 1, Outcome.OUT_OF_RANGE),
-            (_arrival(name, msgpack.packb([*record[:4], math.nan, *record[5:]])), 1, Outcome.NOT_FINITE),
-            (_arrival(name, msgpack.packb([*record[:6], None, *record[7:]])), 1, Outcome.UNAVAILABLE),
-            (_arrival("impostor", whole), 1, Outcome.IDENTITY_MISMATCH),
-            (_arrival("*", whole), 1, Outcome.WILDCARD_KEY),
-            (_arrival(name, whole)._replace(is_put=False), 1, Outcome.NOT_A_PUT),
-            (_arrival(name, whole, "text/plain"), 1, Outcome.UNKNOWN_ENCODING),
-            (_arrival(name, bytes(70_000)), 1, Outcome.PAYLOAD_TOO_LARGE),
-            (_arrival(GATEWAY, msgpack.packb([[1]] * 600)), 600, Outcome.BUNDLE_TOO_LARGE),
+        spoilt: list[tuple[ReceivedMessage, int, Outcome]] = [
+            (_received(name, whole[:-1]), 1, Outcome.MALFORMED),
+            (_received(name, b""), 1, Outcome.MALFORMED),
+            (_received(name, msgpack.packb([9, *record[1:]])), 1, Outcome.WRONG_VERSION),
+            (_received(name, msgpack.packb([*record[:4], 91.0, *record[5:]])), 1, Outcome.OUT_OF_RANGE),
+            (_received(name, msgpack.packb([*record[:4], math.nan, *record[5:]])), 1, Outcome.NOT_FINITE),
+            (_received(name, msgpack.packb([*record[:6], None, *record[7:]])), 1, Outcome.UNAVAILABLE),
+            (_received("impostor", whole), 1, Outcome.IDENTITY_MISMATCH),
+            (_received("*", whole), 1, Outcome.WILDCARD_KEY),
+            (_received(name, whole)._replace(is_put=False), 1, Outcome.NOT_A_PUT),
+            (_received(name, whole, "text/plain"), 1, Outcome.UNKNOWN_ENCODING),
+            (_received(name, bytes(70_000)), 1, Outcome.PAYLOAD_TOO_LARGE),
+            (_received(GATEWAY, msgpack.packb([[1]] * 600)), 600, Outcome.BUNDLE_TOO_LARGE),
         ]
         return spoilt[self._rng.integers(len(spoilt))]
 
 
-def _arrival(sender: str, payload: bytes, encoding: str = BSM_MSGPACK) -> Arrival:
-    return Arrival(f"{KEYS.prefix}/{KEYS.site}/bsm/{sender}", payload, encoding, True, 0, 0)
+def _received(sender: str, payload: bytes, encoding: str = BSM_MSGPACK) -> ReceivedMessage:
+    return ReceivedMessage(f"{KEYS.prefix}/{KEYS.site}/bsm/{sender}", payload, encoding, True, 0, 0)

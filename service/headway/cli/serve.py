@@ -13,18 +13,19 @@ from headway.core.engine import Engine
 from headway.edge.clock import SystemClock
 from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
+from headway.edge.context import ServiceContext
 from headway.edge.identity import Identity
-from headway.edge.loop import Shell, ShellConfig
-from headway.edge.storage.persistence import Keeper, KeeperConfig
+from headway.edge.loop import LoopConfig, ServiceLoop
+from headway.edge.storage.persistence import Persistence, PersistenceConfig
 from headway.edge.telemetry import logging_setup
 from headway.edge.telemetry.accounting import Ledger
-from headway.edge.telemetry.health import Vitals
+from headway.edge.telemetry.health import HealthState
 from headway.edge.telemetry.http_server import HttpServer
 from headway.edge.telemetry.latency import Latencies
-from headway.edge.telemetry.metrics import CONTENT_TYPE, Metrics, Sources
+from headway.edge.telemetry.metrics import CONTENT_TYPE, Metrics
 from headway.edge.telemetry.reporter import ReportConfig, Reporter
 from headway.edge.transport.ports import Channel
-from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.receive_queue import ReceiveQueue
 from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
 from headway.errors import UserError
 from headway.kernel_cache import core_digest
@@ -60,62 +61,39 @@ def serve(loaded: Loaded) -> None:
         config_hash=settings.config_hash,
         parameters=parameters(settings.detector(), version(), core_digest()),
     )
-    vitals, ledger, latencies = Vitals(clock), Ledger(), Latencies()
+    health, ledger, latencies = HealthState(clock), Ledger(), Latencies()
     codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
     age_limit_ns = int(settings.queue_age_limit_s * 1e9)
-    inbox = Inbox(settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in)
-    bus = ZenohBus(_bus_config(loaded), keys, clock, inbox)
+    receive_queue = ReceiveQueue(settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in)
+    bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue)
     engine = Engine(settings.detector())
-    keeper = None
+    persistence = None
     if settings.state_dir is not None:
-        keeper = Keeper(
-            _keeper_config(settings, settings.state_dir),
+        persistence = Persistence(
+            _persistence_config(settings, settings.state_dir),
             identity,
             engine,
             clock,
-            lambda told: bus.publish(Channel.ALERT, told.key, told.payload),
+            lambda update: bus.publish(Channel.ALERT, update.key, update.payload),
         )
-    reporter = Reporter(
-        config=_report_config(settings),
+    context = ServiceContext(
         identity=identity,
         keys=keys,
-        engine=engine,
-        bus=bus,
         clock=clock,
-        vitals=vitals,
-        ledger=ledger,
-        latencies=latencies,
-        keeper=keeper,
-    )
-    shell = Shell(
-        config=_shell_config(settings),
-        identity=identity,
-        keys=keys,
         codec=codec,
         engine=engine,
         bus=bus,
-        clock=clock,
-        vitals=vitals,
+        health=health,
         ledger=ledger,
         latencies=latencies,
-        reporter=reporter,
-        keeper=keeper,
+        vehicle_capacity=settings.vehicle_capacity,
+        queue_limit=settings.queue_limit,
+        alarm_budget_per_hour=settings.alarm_budget_per_hour,
+        persistence=persistence,
     )
-    metrics = Metrics(
-        Sources(
-            identity=identity,
-            vitals=vitals,
-            ledger=ledger,
-            latencies=latencies,
-            bus=bus,
-            engine=engine,
-            vehicle_capacity=settings.vehicle_capacity,
-            queue_limit=settings.queue_limit,
-            alarm_budget_per_hour=settings.alarm_budget_per_hour,
-            keeper=keeper,
-        )
-    )
-    with _http(settings, metrics, vitals) as http:
+    loop = ServiceLoop(_loop_config(settings), context, Reporter(_report_config(settings), context))
+    metrics = Metrics(context)
+    with _http(settings, metrics, health) as http:
         _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
         with kernel_cache.alone():
             kept = kernel_cache.kept()
@@ -126,30 +104,30 @@ def serve(loaded: Loaded) -> None:
             # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
             _log.info("starting anew", compiled=compiled)
             os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
-        if keeper is not None:
-            keeper.snapshots.load()
-        vitals.warm = True
+        if persistence is not None:
+            persistence.snapshots.load()
+        health.warm = True
         try:
             if bus.open(lambda seconds: not stop.wait(seconds)):
                 _log.info("ready", connect=settings.connect, listen=settings.listen)
-                shell.run(stop.is_set)
-                left = shell.drain(settings.stop_timeout_s)
+                loop.run(stop.is_set)
+                left = loop.drain(settings.stop_timeout_s)
                 _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected, left=left)
         finally:
-            if keeper is not None:
-                keeper.close()
+            if persistence is not None:
+                persistence.close()
             bus.close()
 
 
-def _http(settings: Settings, metrics: Metrics, vitals: Vitals) -> HttpServer:
+def _http(settings: Settings, metrics: Metrics, health: HealthState) -> HttpServer:
     try:
         return HttpServer(
             settings.http_host,
             settings.http_port,
             metrics=metrics.text,
             content_type=CONTENT_TYPE,
-            ailment=lambda: vitals.ailment,
-            hindrance=lambda: vitals.hindrance,
+            liveness_problem=lambda: health.liveness_problem,
+            readiness_problem=lambda: health.readiness_problem,
         )
     except OSError as error:
         where = f"http://{settings.http_host}:{settings.http_port}"
@@ -181,8 +159,8 @@ def _bus_config(loaded: Loaded) -> BusConfig:
     )
 
 
-def _keeper_config(settings: Settings, folder: Path) -> KeeperConfig:
-    return KeeperConfig(
+def _persistence_config(settings: Settings, folder: Path) -> PersistenceConfig:
+    return PersistenceConfig(
         folder=folder,
         journal_days=settings.journal_days,
         journal_mb=settings.journal_mb,
@@ -195,13 +173,11 @@ def _report_config(settings: Settings) -> ReportConfig:
         state_rate_hz=settings.state_rate_hz,
         state_budget_hz=settings.state_budget_hz,
         health_interval_s=settings.health_interval_s,
-        vehicle_capacity=settings.vehicle_capacity,
-        queue_limit=settings.queue_limit,
     )
 
 
-def _shell_config(settings: Settings) -> ShellConfig:
-    return ShellConfig(
+def _loop_config(settings: Settings) -> LoopConfig:
+    return LoopConfig(
         batch_limit=settings.batch_limit,
         batch_bytes_limit=settings.batch_bytes_limit,
         idle_sleep_s=settings.idle_sleep_s,

@@ -1,11 +1,11 @@
-"""Time, as a thing that can be handed in: the loop reads this and no other clock."""
+"""The clock as a dependency: the loop reads this and no other clock, so a test can replace it."""
 
 import time
 from typing import Protocol
 
 
 class Clock(Protocol):
-    """Wall time says when; monotonic time says how long."""
+    """Wall time for timestamps, monotonic time for durations."""
 
     def wall_us(self) -> int:
         """Microseconds of Unix time."""
@@ -16,7 +16,7 @@ class Clock(Protocol):
         ...
 
     def sleep(self, seconds: float) -> None:
-        """Let others work."""
+        """Wait; other threads run meanwhile."""
         ...
 
 

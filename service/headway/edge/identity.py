@@ -1,4 +1,4 @@
-"""The identity of this instance: what each event and report carries."""
+"""The identity of this instance."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Identity:
-    """What every event and report carries."""
+    """What each event and report carries."""
 
     site: str
     instance: str
@@ -14,4 +14,4 @@ class Identity:
     model: str
     config_hash: str
     parameters: Mapping[str, float | str] = field(default_factory=dict)
-    """All that a verdict depends on beside the readings: the detector's configuration, `version`, `core` (digest)."""
+    """All that a verdict depends on except the readings: configuration of the detector, `version`, `core` (digest)."""

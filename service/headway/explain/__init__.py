@@ -1,1 +1,1 @@
-"""A stored verdict computed again, number by number."""
+"""A stored verdict computed again, value by value."""

@@ -1,4 +1,4 @@
-"""The picture of `headway explain`: what came, what was expected, what was made of it."""
+"""The picture of `headway explain`: innovations with their expected spread, the statistic and its gate."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,23 +12,23 @@ from headway.explain.compare import Explained
 
 
 def draw(explained: Sequence[Explained], file: Path) -> None:
-    """Draw the readings of all statements, against what was expected and what the gate made of them.
+    """Draw the readings of all updates against the prediction, and the statistic against the gate.
 
     Raises
     ------
     UserError
         There are no readings, or the file cannot be written.
     """
-    seen = {
+    by_time = {
         float(z["t_s"]): (z, verdict)
         for one in explained
         if one.readings is not None and one.verdicts is not None
         for z, verdict in zip(one.readings, one.verdicts, strict=True)
     }
-    if not seen:
-        raise UserError(f"{explained[0].event.event_id}: no readings to plot, {explained[0].hindrance}")
-    times = sorted(seen)
-    readings, verdicts = (np.array([seen[t][i] for t in times]) for i in (0, 1))
+    if not by_time:
+        raise UserError(f"{explained[0].event.event_id}: no readings to plot, {explained[0].problem}")
+    times = sorted(by_time)
+    readings, verdicts = (np.array([by_time[t][i] for t in times]) for i in (0, 1))
     t_s = np.array(times) - 1e-6 * explained[0].event.t_us
     figure = Figure(figsize=(9, 8), layout="constrained")
     FigureCanvasAgg(figure)

@@ -6,7 +6,7 @@ from typing import Any
 import msgpack
 
 from headway.core.types.batch import Ids
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway_schemas import Keys
 from headway_schemas.bsm import FIELDS
 from headway_schemas.encodings import BSM_MSGPACK
@@ -39,9 +39,9 @@ def as_map(fields: list[Any]) -> dict[str, Any]:
     return message
 
 
-def arrival(
+def received(
     content: Any, sender: str = "a", encoding: str = BSM_MSGPACK, *, key: str | None = None, is_put: bool = True
-) -> Arrival:
+) -> ReceivedMessage:
     """Wrap content, bytes or something to encode, as it comes from the bus."""
     if isinstance(content, bytes):
         payload = content
@@ -49,7 +49,7 @@ def arrival(
         payload = msgpack.packb(content)
     else:
         payload = json.dumps(content).encode()
-    return Arrival(key or KEYS.bsm(sender), payload, encoding, is_put, RECEIVED_US, 0)
+    return ReceivedMessage(key or KEYS.bsm(sender), payload, encoding, is_put, RECEIVED_US, 0)
 
 
 def ids_of(column: Ids) -> list[str | None]:

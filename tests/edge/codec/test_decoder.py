@@ -6,7 +6,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from edge.codec.messages import GATEWAY, KEYS, RECEIVED_US, arrival, as_map, ids_of, record
+from edge.codec.messages import GATEWAY, KEYS, RECEIVED_US, as_map, ids_of, received, record
 
 from headway.core.types.batch import Batch
 from headway.core.types.outcome import Outcome
@@ -15,7 +15,7 @@ from headway.core.types.step_result import Phase
 from headway.edge.codec import decoder as codec_module
 from headway.edge.codec.decoder import Codec, Decoded
 from headway.edge.codec.messages import encode, rejected_copy
-from headway.edge.transport.message import Arrival, Fault, Rejection
+from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway_schemas import event
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK
 from headway_schemas.state import RejectedCopy
@@ -30,12 +30,12 @@ FULL = {
 }
 
 
-def decode(*arrivals: Arrival, **limits: int) -> Decoded:
-    return Codec(KEYS, **limits).decode(arrivals)
+def decode(*received_messages: ReceivedMessage, **limits: int) -> Decoded:
+    return Codec(KEYS, **limits).decode(received_messages)
 
 
 def reasons(decoded: Decoded) -> list[Outcome]:
-    return [rejection.fault.reason for rejection in decoded.rejections]
+    return [rejection.reason.outcome for rejection in decoded.rejections]
 
 
 def assert_equal(one: Batch, other: Batch) -> None:
@@ -44,7 +44,7 @@ def assert_equal(one: Batch, other: Batch) -> None:
 
 
 def test_a_compact_record_becomes_one_row_of_columns() -> None:
-    batch = decode(arrival(record(**FULL))).batch
+    batch = decode(received(record(**FULL))).batch
     assert {field.name: list(getattr(batch, field.name)) for field in dataclasses.fields(Batch)} == {
         "ids": [b"a"],
         "leader_ids": [b"b"],
@@ -65,7 +65,7 @@ def test_a_compact_record_becomes_one_row_of_columns() -> None:
 
 
 def test_what_the_sender_does_not_know_is_nan() -> None:
-    batch = decode(arrival(record(heading_deg=None)[:7])).batch
+    batch = decode(received(record(heading_deg=None)[:7])).batch
     assert ids_of(batch.leader_ids) == [None]
     for name in ("heading_deg", "accel_mps2", "accuracy_m", "length_m", "range_m", "range_rate_mps"):
         assert np.isnan(getattr(batch, name)).all()
@@ -73,23 +73,23 @@ def test_what_the_sender_does_not_know_is_nan() -> None:
 
 def test_every_form_of_a_message_says_the_same() -> None:
     fields = record(**FULL)
-    expected = decode(arrival(fields)).batch
+    expected = decode(received(fields)).batch
     for content, encoding in [(as_map(fields), BSM_MSGPACK), (fields, BSM_JSON), (as_map(fields), BSM_JSON)]:
-        assert_equal(decode(arrival(content, encoding=encoding)).batch, expected)
-        assert_equal(decode(arrival([content], encoding=encoding)).batch, expected)
+        assert_equal(decode(received(content, encoding=encoding)).batch, expected)
+        assert_equal(decode(received([content], encoding=encoding)).batch, expected)
 
 
 def test_integers_are_read_where_a_number_is_meant() -> None:
-    batch = decode(arrival(record(lat=42, lon=-83, speed_mps=0, leader=["b", 10, 0]))).batch
+    batch = decode(received(record(lat=42, lon=-83, speed_mps=0, leader=["b", 10, 0]))).batch
     assert (batch.lat_deg[0], batch.speed_mps[0], batch.range_m[0]) == (42.0, 0.0, 10.0)
 
 
 def test_records_of_one_turn_keep_their_order_and_know_their_arrival() -> None:
     decoded = decode(
-        arrival(record("a")),
-        arrival([record("b"), as_map(record("c", leader=["b"]))], GATEWAY),
-        arrival(b"", "x"),
-        arrival(record("d"), "d", BSM_JSON),
+        received(record("a")),
+        received([record("b"), as_map(record("c", leader=["b"]))], GATEWAY),
+        received(b"", "x"),
+        received(record("d"), "d", BSM_JSON),
     )
     assert ids_of(decoded.batch.ids) == ["a", "b", "c", "d"]
     assert ids_of(decoded.batch.leader_ids) == [None, None, "b", None]
@@ -149,7 +149,7 @@ def test_nothing_in_nothing_out() -> None:
 )
 def test_a_bad_record_is_named_and_its_neighbours_live(changes: dict[str, Any], reason: Outcome) -> None:
     good = record("c", elev_m=1.0, leader=["d", 5.0])
-    decoded = decode(arrival(good, "c"), arrival(record(**changes)), arrival(good, "c"))
+    decoded = decode(received(good, "c"), received(record(**changes)), received(good, "c"))
     assert reasons(decoded) == [reason]
     assert decoded.rejections[0].index == 0
     assert ids_of(decoded.batch.ids) == ["c", "c"]
@@ -159,64 +159,64 @@ def test_a_bad_record_is_named_and_its_neighbours_live(changes: dict[str, Any], 
 
 def test_a_bad_record_of_a_bundle_goes_alone() -> None:
     bundle = [record("a"), record("b", speed_mps=999.0), "junk", record("c"), as_map(record("d")) | {"colour": 1}]
-    message = arrival(bundle, GATEWAY)
-    decoded = decode(arrival(record("x"), "x"), message)
+    message = received(bundle, GATEWAY)
+    decoded = decode(received(record("x"), "x"), message)
     assert ids_of(decoded.batch.ids) == ["x", "a", "c"]
-    assert [(r.fault.reason, r.index, r.count) for r in decoded.rejections] == [
+    assert [(r.reason.outcome, r.index, r.count) for r in decoded.rejections] == [
         (Outcome.OUT_OF_RANGE, 1, 1),
         (Outcome.MALFORMED, 2, 1),
         (Outcome.MALFORMED, 4, 1),
     ]
-    assert all(rejection.arrival is message for rejection in decoded.rejections)
+    assert all(rejection.message is message for rejection in decoded.rejections)
 
 
 def test_only_a_gateway_carries_records_of_others() -> None:
     bundle = [record("a"), record("b")]
-    assert ids_of(decode(arrival(bundle, GATEWAY)).batch.ids) == ["a", "b"]
-    decoded = decode(arrival(bundle, "a"))
+    assert ids_of(decode(received(bundle, GATEWAY)).batch.ids) == ["a", "b"]
+    decoded = decode(received(bundle, "a"))
     assert ids_of(decoded.batch.ids) == ["a"]
-    assert [(r.fault.reason, r.index) for r in decoded.rejections] == [(Outcome.IDENTITY_MISMATCH, 1)]
+    assert [(r.reason.outcome, r.index) for r in decoded.rejections] == [(Outcome.IDENTITY_MISMATCH, 1)]
 
 
 def test_a_field_that_version_1_does_not_have_is_no_field() -> None:
     known, long = as_map(record()), [*record(leader=["b"]), 1]
     coloured, listed = {"leader": {"id": "b", "colour": "red"}}, {"leader": ["b"]}
     for content in (known | {"colour": "red"}, known | coloured, known | listed, long):
-        assert reasons(decode(arrival(content))) == [Outcome.MALFORMED]
+        assert reasons(decode(received(content))) == [Outcome.MALFORMED]
     for content in (known | {"v": 2, "colour": "red"}, known | {"v": 2} | coloured, [2, *long[1:]]):
-        assert reasons(decode(arrival(content))) == [Outcome.WRONG_VERSION]
+        assert reasons(decode(received(content))) == [Outcome.WRONG_VERSION]
 
 
 @pytest.mark.parametrize(
     ("message", "reason"),
     [
-        (arrival(record(), is_put=False), Outcome.NOT_A_PUT),
-        (arrival(b"", is_put=False), Outcome.NOT_A_PUT),
-        (arrival(record(), key="v2x/s/bsm/*"), Outcome.WILDCARD_KEY),
-        (arrival(record(), key="v2x/s/**"), Outcome.WILDCARD_KEY),
-        (arrival(record(), key="v2x/s/bsm/a$*"), Outcome.WILDCARD_KEY),
-        (arrival(record(), key="v2x/s/bsm/a/b"), Outcome.IDENTITY_MISMATCH),
-        (arrival(record(), key="v2x/other/bsm/a"), Outcome.IDENTITY_MISMATCH),
-        (arrival(record(), key="v2x/s/health/a"), Outcome.IDENTITY_MISMATCH),
-        (arrival(record(), encoding="zenoh/bytes"), Outcome.UNKNOWN_ENCODING),
-        (arrival(record(), encoding="application/json;bsm.v2"), Outcome.UNKNOWN_ENCODING),
-        (arrival(bytes(1001)), Outcome.PAYLOAD_TOO_LARGE),
+        (received(record(), is_put=False), Outcome.NOT_A_PUT),
+        (received(b"", is_put=False), Outcome.NOT_A_PUT),
+        (received(record(), key="v2x/s/bsm/*"), Outcome.WILDCARD_KEY),
+        (received(record(), key="v2x/s/**"), Outcome.WILDCARD_KEY),
+        (received(record(), key="v2x/s/bsm/a$*"), Outcome.WILDCARD_KEY),
+        (received(record(), key="v2x/s/bsm/a/b"), Outcome.IDENTITY_MISMATCH),
+        (received(record(), key="v2x/other/bsm/a"), Outcome.IDENTITY_MISMATCH),
+        (received(record(), key="v2x/s/health/a"), Outcome.IDENTITY_MISMATCH),
+        (received(record(), encoding="zenoh/bytes"), Outcome.UNKNOWN_ENCODING),
+        (received(record(), encoding="application/json;bsm.v2"), Outcome.UNKNOWN_ENCODING),
+        (received(bytes(1001)), Outcome.PAYLOAD_TOO_LARGE),
     ],
 )
-def test_what_is_wrong_before_the_payload_is_read(message: Arrival, reason: Outcome) -> None:
+def test_what_is_wrong_before_the_payload_is_read(message: ReceivedMessage, reason: Outcome) -> None:
     codec = Codec(KEYS, payload_max_bytes=1000)
     for _ in range(2):  # the second time the sender is known
-        decoded = codec.decode([arrival(record()), message])
+        decoded = codec.decode([received(record()), message])
         assert reasons(decoded) == [reason]
         assert (decoded.rejections[0].index, decoded.rejections[0].count) == (None, 1)
         assert ids_of(decoded.batch.ids) == ["a"]
 
 
 def test_senders_that_rotate_their_ids_do_not_fill_the_memory(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(codec_module, "_REMEMBERED_MAX", 10)
+    monkeypatch.setattr(codec_module, "_CACHED_MAX", 10)
     codec = Codec(KEYS)
     for i in range(50):
-        decoded = codec.decode([arrival(record(f"v{i}", leader=[f"w{i}"]), f"v{i}")])
+        decoded = codec.decode([received(record(f"v{i}", leader=[f"w{i}"]), f"v{i}")])
         assert ids_of(decoded.batch.ids) == [f"v{i}"]
     assert max(len(codec._owners), len(codec._ids)) <= 10
 
@@ -235,7 +235,7 @@ def test_senders_that_rotate_their_ids_do_not_fill_the_memory(monkeypatch: pytes
     ids=["record", "map", "bundle of one", "bundle of three", "bundle too large", "garbage"],
 )
 def test_what_is_never_decoded_counts_as_much_as_if_it_were(content: object, count: int, encoding: str) -> None:
-    message = arrival(content, encoding=encoding)
+    message = received(content, encoding=encoding)
     decoded = decode(message)
     assert Codec(KEYS).records_in([message]) == count
     assert len(decoded.batch) + sum(rejection.count for rejection in decoded.rejections) == count
@@ -243,8 +243,8 @@ def test_what_is_never_decoded_counts_as_much_as_if_it_were(content: object, cou
 
 def test_a_copy_of_a_rejected_message_is_cut_and_can_be_printed() -> None:
     payload = b"\xc1" * 100
-    message = Arrival("v2x/s/bsm/ä" + "x" * 1000, payload, "text/\udc80", True, RECEIVED_US, 0)
-    copy = rejected_copy(Rejection(Fault(Outcome.MALFORMED, "why"), message, count=3), payload_max_bytes=10)
+    message = ReceivedMessage("v2x/s/bsm/ä" + "x" * 1000, payload, "text/\udc80", True, RECEIVED_US, 0)
+    copy = rejected_copy(Rejection(RejectReason(Outcome.MALFORMED, "why"), message, count=3), payload_max_bytes=10)
     wire = json.loads(encode(copy))
     assert RejectedCopy.model_validate_json(encode(copy)) == copy
     assert (copy.payload, copy.size, copy.truncated, copy.count) == (payload[:10], 100, True, 3)
@@ -255,22 +255,22 @@ def test_a_copy_of_a_rejected_message_is_cut_and_can_be_printed() -> None:
 
 
 def test_a_copy_names_the_sender_where_the_key_does() -> None:
-    fault = Fault(Outcome.MALFORMED, "why")
-    assert rejected_copy(Rejection(fault, arrival(b"")), payload_max_bytes=10).sender == "a"
-    assert rejected_copy(Rejection(fault, arrival(b"", key="v2x/s/bsm/*")), payload_max_bytes=10).sender is None
+    reason = RejectReason(Outcome.MALFORMED, "why")
+    assert rejected_copy(Rejection(reason, received(b"")), payload_max_bytes=10).sender == "a"
+    assert rejected_copy(Rejection(reason, received(b"", key="v2x/s/bsm/*")), payload_max_bytes=10).sender is None
 
 
 def test_the_detail_repeats_nothing_that_the_sender_wrote() -> None:
     for changes in ({"speed_mps": "<secret>"}, {"id": "<secret>"}, {"leader": ["<secret>"]}):
-        detail = decode(arrival(record(**changes))).rejections[0].fault.detail
+        detail = decode(received(record(**changes))).rejections[0].reason.detail
         assert next(iter(changes)) in detail
         assert "secret" not in detail
-    assert "secret" not in decode(arrival(as_map(record()) | {"<secret>": 1})).rejections[0].fault.detail
+    assert "secret" not in decode(received(as_map(record()) | {"<secret>": 1})).rejections[0].reason.detail
 
 
 def test_every_reason_makes_a_label_of_the_wire() -> None:
     for reason in (outcome for outcome in Outcome if outcome.is_rejection):
-        rejected_copy(Rejection(Fault(reason, ""), arrival(b"")), payload_max_bytes=0)
+        rejected_copy(Rejection(RejectReason(reason, ""), received(b"")), payload_max_bytes=0)
 
 
 def test_core_and_wire_use_the_same_words() -> None:
@@ -281,4 +281,4 @@ def test_core_and_wire_use_the_same_words() -> None:
 
 def test_msgpack_is_read_as_the_library_writes_it() -> None:
     single_precision = msgpack.packb(record(), use_single_float=True)
-    assert decode(arrival(single_precision)).batch.lat_deg[0] == np.float32(42.3)
+    assert decode(received(single_precision)).batch.lat_deg[0] == np.float32(42.3)

@@ -3,12 +3,12 @@ from datetime import UTC, datetime
 from typing import Any
 
 import pytest
-from edge.codec.messages import GATEWAY, KEYS, arrival, ids_of
+from edge.codec.messages import GATEWAY, KEYS, ids_of, received
 
 from headway.core.types.outcome import Outcome
 from headway.edge.codec import j2735
 from headway.edge.codec.decoder import Codec
-from headway.edge.transport.message import Fault
+from headway.edge.transport.message import RejectReason
 from headway_schemas.bsm import Bsm, from_record
 from headway_schemas.encodings import J2735_ODE, J2735_RAW
 
@@ -92,14 +92,14 @@ def ode(**changes: Any) -> dict[str, Any]:
     return message
 
 
-def bsm_of(result: list[Any] | Fault) -> Bsm:
-    assert not isinstance(result, Fault), result
+def bsm_of(result: list[Any] | RejectReason) -> Bsm:
+    assert not isinstance(result, RejectReason), result
     return from_record(result)
 
 
 def reason_of(message: Any, encoding: str) -> Outcome:
-    (rejection,) = Codec(KEYS).decode([arrival(message, "24EF0000", encoding)]).rejections
-    return rejection.fault.reason
+    (rejection,) = Codec(KEYS).decode([received(message, "24EF0000", encoding)]).rejections
+    return rejection.reason.outcome
 
 
 def test_both_profiles_say_the_same_in_si_units() -> None:
@@ -213,6 +213,8 @@ def test_ode_without_a_generation_time_goes_by_receipt(generated_at: object) -> 
 
 
 def test_a_bundle_of_j2735_messages() -> None:
-    decoded = Codec(KEYS).decode([arrival([raw(), raw(id="A"), raw(speed=8191)], GATEWAY, J2735_RAW)])
+    decoded = Codec(KEYS).decode([received([raw(), raw(id="A"), raw(speed=8191)], GATEWAY, J2735_RAW)])
     assert ids_of(decoded.batch.ids) == ["24EF0000", "A"]
-    assert [(rejection.fault.reason, rejection.index) for rejection in decoded.rejections] == [(Outcome.UNAVAILABLE, 2)]
+    assert [(rejection.reason.outcome, rejection.index) for rejection in decoded.rejections] == [
+        (Outcome.UNAVAILABLE, 2)
+    ]

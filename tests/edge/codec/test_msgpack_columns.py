@@ -6,7 +6,7 @@ from typing import Any
 import msgpack
 import numpy as np
 import pytest
-from edge.codec.messages import KEYS, arrival, record
+from edge.codec.messages import KEYS, received, record
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -17,7 +17,7 @@ from headway.edge.codec.decoder import Codec
 FULL = record(elev_m=260.0, accel_mps2=-0.5, accuracy_m=1.5, length_m=4.6, width_m=1.9, leader=["b", 22.0, -0.3])
 
 
-def read(*contents: Any) -> msgpack_columns.Compact | None:
+def read(*contents: Any) -> msgpack_columns.CompactRecords | None:
     payloads = [content if isinstance(content, bytes) else msgpack.packb(content) for content in contents]
     sizes = np.array([len(payload) for payload in payloads], np.int64)
     return msgpack_columns.read(b"".join(payloads), sizes, bytes(ID_BYTES * sizes.size), 20)
@@ -112,8 +112,8 @@ def test_whatever_bytes_come_nothing_breaks(payloads: list[bytes]) -> None:
 
 
 def test_a_turn_with_an_odd_message_says_the_same_of_the_others() -> None:
-    codec, odd = Codec(KEYS), arrival(b"\xc1")
-    usual = [arrival(record(f"car{n}"), f"car{n}") for n in range(5)]
+    codec, odd = Codec(KEYS), received(b"\xc1")
+    usual = [received(record(f"car{n}"), f"car{n}") for n in range(5)]
     slow = codec.decode([*usual, odd])
     fast = codec.decode(usual)
     assert (len(slow.rejections), len(fast.rejections)) == (1, 0)

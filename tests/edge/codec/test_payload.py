@@ -3,19 +3,19 @@ import tracemalloc
 
 import msgpack
 import pytest
-from edge.codec.messages import RECEIVED_US, arrival, as_map, record
+from edge.codec.messages import RECEIVED_US, as_map, received, record
 
 from headway.core.types.outcome import Outcome
-from headway.edge.codec.payload import Reader, Refusal
+from headway.edge.codec.payload import Reader, RejectedPayload
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, J2735_ODE, J2735_RAW
 
 READER = Reader(bundle_max=20)
 FIELDS = as_map(record())
 
 
-def refusal(payload: bytes, encoding: str) -> Refusal:
+def refusal(payload: bytes, encoding: str) -> RejectedPayload:
     result = READER.read(payload, encoding, RECEIVED_US)
-    assert isinstance(result, Refusal), result
+    assert isinstance(result, RejectedPayload), result
     return result
 
 
@@ -47,14 +47,14 @@ def refusal(payload: bytes, encoding: str) -> Refusal:
     ids=lambda payload: payload[:8].hex() or "empty",
 )
 def test_hostile_msgpack_is_malformed(payload: bytes) -> None:
-    assert refusal(payload, BSM_MSGPACK).fault.reason is Outcome.MALFORMED
+    assert refusal(payload, BSM_MSGPACK).reason.outcome is Outcome.MALFORMED
 
 
 def test_headers_that_announce_much_get_no_memory() -> None:
     payload = b"\xdc\xea\x60" * 20_000  # each an array of 60,000 that begins with the next
     tracemalloc.start()
     try:
-        assert refusal(payload, BSM_MSGPACK).fault.reason is not None
+        assert refusal(payload, BSM_MSGPACK).reason.outcome is not None
         assert tracemalloc.get_traced_memory()[1] < 100_000
     finally:
         tracemalloc.stop()
@@ -79,12 +79,12 @@ def test_headers_that_announce_much_get_no_memory() -> None:
     ids=lambda value: value[:8].decode("latin-1") if isinstance(value, bytes) else value,
 )
 def test_hostile_json_is_malformed(payload: bytes, encoding: str) -> None:
-    assert refusal(payload, encoding).fault.reason is Outcome.MALFORMED
+    assert refusal(payload, encoding).reason.outcome is Outcome.MALFORMED
 
 
 def test_json_that_is_neither_message_nor_bundle() -> None:
     for payload in (b"null", b"7", b'"text"'):
-        assert refusal(payload, BSM_JSON).fault.reason is Outcome.MALFORMED
+        assert refusal(payload, BSM_JSON).reason.outcome is Outcome.MALFORMED
 
 
 def test_an_array_of_what_are_no_records_is_one_record() -> None:
@@ -94,22 +94,24 @@ def test_an_array_of_what_are_no_records_is_one_record() -> None:
 @pytest.mark.parametrize("encoding", [BSM_MSGPACK, BSM_JSON])
 @pytest.mark.parametrize("message", [record(), FIELDS], ids=["record", "map"])
 def test_a_bundle_larger_than_the_limit_counts_each_of_its_records(message: object, encoding: str) -> None:
-    fitting, large = arrival([message] * 20, encoding=encoding), arrival([message] * 21, encoding=encoding)
+    fitting, large = received([message] * 20, encoding=encoding), received([message] * 21, encoding=encoding)
     assert READER.read(fitting.payload, encoding, RECEIVED_US) == [record()] * 20
     assert refusal(large.payload, encoding).size == 21
-    assert refusal(large.payload, encoding).fault.reason is Outcome.BUNDLE_TOO_LARGE
+    assert refusal(large.payload, encoding).reason.outcome is Outcome.BUNDLE_TOO_LARGE
 
 
 def test_a_large_bundle_of_j2735_messages_is_refused_too() -> None:
-    assert refusal(json.dumps([{}] * 21).encode(), J2735_RAW).fault.reason is Outcome.BUNDLE_TOO_LARGE
+    assert refusal(json.dumps([{}] * 21).encode(), J2735_RAW).reason.outcome is Outcome.BUNDLE_TOO_LARGE
 
 
 def test_a_bundle_of_more_than_its_payload_can_hold_is_malformed() -> None:
-    assert refusal(b"\xdc\xff\xff" + msgpack.packb(record()), BSM_MSGPACK) == Refusal(
-        refusal(b"\xc1", BSM_MSGPACK).fault, 1
+    assert refusal(b"\xdc\xff\xff" + msgpack.packb(record()), BSM_MSGPACK) == RejectedPayload(
+        refusal(b"\xc1", BSM_MSGPACK).reason, 1
     )
 
 
 def test_a_bundle_limit_below_the_width_of_a_record_still_reads_records() -> None:
     assert Reader(bundle_max=1).read(msgpack.packb([record()]), BSM_MSGPACK, RECEIVED_US) == [record()]
-    assert isinstance(Reader(bundle_max=1).read(msgpack.packb([record()] * 2), BSM_MSGPACK, RECEIVED_US), Refusal)
+    assert isinstance(
+        Reader(bundle_max=1).read(msgpack.packb([record()] * 2), BSM_MSGPACK, RECEIVED_US), RejectedPayload
+    )

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from edge.storage.statements import detected, statement
+from edge.storage.updates import detected, update
 from sim.clock import FakeClock
 from sim.until import until
 from structlog.testing import capture_logs
 
 from headway.edge.storage import journal_writer as module
-from headway.edge.storage.journal import Journal, Reason, Statement
-from headway.edge.storage.journal_writer import PATIENCE_NS, Scribe
+from headway.edge.storage.journal import EventUpdate, Journal, Reason
+from headway.edge.storage.journal_writer import PUBLISH_AFTER_NS, JournalWriter
 
 
 class Disk:
@@ -27,11 +27,11 @@ class Disk:
         self.error: Exception | None = None
         self.written: list[int] = []
 
-    def write(self, statements: list[Statement]) -> None:
+    def write(self, updates: list[EventUpdate]) -> None:
         self.free.wait(10.0)
         if self.error is not None:
             raise self.error
-        self.written += [one.event.detected_us for one in statements]
+        self.written += [one.event.detected_us for one in updates]
 
     def prune(self, _now_us: int) -> int:
         if self.error is not None:
@@ -46,10 +46,10 @@ class Rigged:
     def __init__(self, disk: Disk) -> None:
         self.disk, self.clock = disk, FakeClock()
         self.told: list[int] = []
-        self.scribe = Scribe(disk, lambda one: self.told.append(one.event.detected_us), self.clock)
+        self.journal_writer = JournalWriter(disk, lambda one: self.told.append(one.event.detected_us), self.clock)
 
     def put(self, *detected_us: int) -> None:
-        self.scribe.put([statement(t_us) for t_us in detected_us])
+        self.journal_writer.put([update(t_us) for t_us in detected_us])
 
     def settle(self, holds: Callable[[], object]) -> None:
         until(holds)
@@ -63,82 +63,84 @@ def rigged() -> Rigged:
 def test_a_statement_is_in_the_journal_when_it_is_told(tmp_path: Path) -> None:
     path = tmp_path / "journal.sqlite"
     seen: list[list[int]] = []
-    scribe = Scribe(Journal(path, days=1.0, megabytes=10.0), lambda _: seen.append(detected(path)), FakeClock())
-    scribe.put([statement(1), statement(2)])
-    scribe.put([statement(3)])
-    scribe.close(10.0)
+    journal_writer = JournalWriter(
+        Journal(path, days=1.0, megabytes=10.0), lambda _: seen.append(detected(path)), FakeClock()
+    )
+    journal_writer.put([update(1), update(2)])
+    journal_writer.put([update(3)])
+    journal_writer.close(10.0)
     assert seen == [[2, 1], [2, 1], [3, 2, 1]]
-    assert (scribe.written, scribe.waiting, scribe.hurried) == (3, 0, 0)
+    assert (journal_writer.written, journal_writer.waiting, journal_writer.published_before_commit) == (3, 0, 0)
 
 
 def test_while_the_disk_fails_all_is_told_counted_and_logged_once(rigged: Rigged) -> None:
-    scribe, disk = rigged.scribe, rigged.disk
+    journal_writer, disk = rigged.journal_writer, rigged.disk
     with capture_logs() as logs:
         disk.error = sqlite3.OperationalError("database or disk is full")
         disk.error.sqlite_errorcode = sqlite3.SQLITE_FULL
         for n in range(5):
             rigged.put(2 * n, 2 * n + 1)
         until(lambda: len(rigged.told) == 10)
-        assert scribe.trouble is Reason.DISK_FULL
+        assert journal_writer.trouble is Reason.DISK_FULL
         disk.error = None
         rigged.put(10)
         until(lambda: len(rigged.told) == 11)
     assert rigged.told == list(range(11))
-    assert scribe.failed[Reason.DISK_FULL] == 10
-    assert (scribe.written, scribe.trouble, scribe.waiting) == (1, None, 0)
+    assert journal_writer.failed[Reason.DISK_FULL] == 10
+    assert (journal_writer.written, journal_writer.trouble, journal_writer.waiting) == (1, None, 0)
     assert [entry["log_level"] for entry in logs] == ["error", "info"]
-    scribe.close(10.0)
+    journal_writer.close(10.0)
 
 
 def test_a_disk_that_does_not_answer_delays_no_alert_by_more_than_a_second(rigged: Rigged) -> None:
-    scribe, disk, clock = rigged.scribe, rigged.disk, rigged.clock
+    journal_writer, disk, clock = rigged.journal_writer, rigged.disk, rigged.clock
     disk.free.clear()
     rigged.put(1, 2)
     clock.sleep(0.5)
     rigged.put(3)
-    scribe.turn(clock.monotonic_ns())
+    journal_writer.tick(clock.monotonic_ns())
     assert rigged.told == []
     clock.sleep(0.6)
-    scribe.turn(clock.monotonic_ns())
+    journal_writer.tick(clock.monotonic_ns())
     assert rigged.told == [1, 2]
     clock.sleep(0.6)
-    scribe.turn(clock.monotonic_ns())
+    journal_writer.tick(clock.monotonic_ns())
     assert rigged.told == [1, 2, 3]
     disk.free.set()
-    scribe.close(10.0)
+    journal_writer.close(10.0)
     assert rigged.told == disk.written == [1, 2, 3]
-    assert (scribe.hurried, scribe.written) == (3, 3)
+    assert (journal_writer.published_before_commit, journal_writer.written) == (3, 3)
 
 
 def test_what_the_disk_has_no_time_for_is_told_and_counted(rigged: Rigged, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "WAITING_MAX", 4)
     rigged.disk.free.clear()
     rigged.put(0)
-    until(lambda: rigged.scribe.waiting == 0)
+    until(lambda: rigged.journal_writer.waiting == 0)
     for n in range(1, 10):
         rigged.put(n)
     assert rigged.told == [1, 2, 3, 4, 5]
-    assert rigged.scribe.waiting == 4
+    assert rigged.journal_writer.waiting == 4
     rigged.disk.free.set()
-    rigged.scribe.close(10.0)
+    rigged.journal_writer.close(10.0)
     assert sorted(rigged.told) == list(range(10))
     assert rigged.disk.written == [0, 6, 7, 8, 9]
-    assert rigged.scribe.failed[Reason.QUEUE_FULL] == 5
+    assert rigged.journal_writer.failed[Reason.QUEUE_FULL] == 5
 
 
 def test_the_end_waits_only_so_long_and_leaves_nothing_untold(rigged: Rigged) -> None:
     rigged.disk.free.clear()
     rigged.put(1)
     rigged.put(2)
-    rigged.scribe.close(0.05)
+    rigged.journal_writer.close(0.05)
     assert rigged.told == [1, 2]
     rigged.disk.free.set()
 
 
 def test_nothing_is_told_twice_when_the_loop_and_the_thread_tell_at_once(rigged: Rigged) -> None:
-    scribe, clock = rigged.scribe, rigged.clock
+    journal_writer, clock = rigged.journal_writer, rigged.clock
     for n in range(300):
         rigged.put(3 * n, 3 * n + 1, 3 * n + 2)
-        scribe.turn(clock.monotonic_ns() + 2 * PATIENCE_NS)
-    scribe.close(10.0)
+        journal_writer.tick(clock.monotonic_ns() + 2 * PUBLISH_AFTER_NS)
+    journal_writer.close(10.0)
     assert sorted(rigged.told) == list(range(900))

@@ -119,8 +119,8 @@ def test_every_interval_one_is_taken_a_slice_in_each_turn(tmp_path: Path) -> Non
 
     engine.snapshot = taken
     for ms in range(60_000):
-        keeping.turn(ms * 1_000_000)
-        while keeping._outbox.waiting:
+        keeping.tick(ms * 1_000_000)
+        while keeping._worker.waiting:
             time.sleep(1e-4)
         if len(sizes) == 2 * 64:
             break
@@ -136,10 +136,10 @@ def test_every_interval_one_is_taken_a_slice_in_each_turn(tmp_path: Path) -> Non
 
 def test_no_slice_is_copied_before_the_last_is_taken_to_be_written(tmp_path: Path) -> None:
     keeping, slow = snapshots(tmp_path / "s-i.snapshot", driven()), threading.Event()
-    keeping._outbox.put(slow.wait)
+    keeping._worker.put(slow.wait)
     for ms in range(10_000, 11_000):
-        keeping.turn(ms * 1_000_000)
-    assert keeping._outbox.waiting <= 1
+        keeping.tick(ms * 1_000_000)
+    assert keeping._worker.waiting <= 1
     slow.set()
     keeping.close()
     assert keeping.written == 1
@@ -151,7 +151,7 @@ def test_a_failure_is_counted_told_and_over_when_the_disk_is_back(tmp_path: Path
     keeping = snapshots(blocked / "s-i.snapshot", driven())
     with capture_logs() as logs:
         for ms in range(12_000):
-            keeping.turn(ms * 1_000_000)
+            keeping.tick(ms * 1_000_000)
         keeping.close()
     assert keeping.failed >= 1
     assert keeping.trouble is not None

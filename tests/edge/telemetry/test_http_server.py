@@ -9,8 +9,8 @@ from headway.edge.telemetry.http_server import HttpServer
 
 
 class Patient:
-    ailment: str | None = None
-    hindrance: str | None = "kernels are being compiled"
+    liveness_problem: str | None = None
+    readiness_problem: str | None = "kernels are being compiled"
 
 
 @pytest.fixture
@@ -25,8 +25,8 @@ def url(patient: Patient) -> Iterator[str]:
         0,
         metrics=lambda: b"headway_ready 0\n",
         content_type="text/plain; version=0.0.4",
-        ailment=lambda: patient.ailment,
-        hindrance=lambda: patient.hindrance,
+        liveness_problem=lambda: patient.liveness_problem,
+        readiness_problem=lambda: patient.readiness_problem,
     ) as server:
         yield f"http://127.0.0.1:{server.port}"
 
@@ -35,8 +35,8 @@ def test_probes_tell_what_is_wrong_until_it_is_not(url: str, patient: Patient) -
     assert (httpx.get(f"{url}/livez").status_code, httpx.get(f"{url}/livez").text) == (200, "ok\n")
     starting = httpx.get(f"{url}/readyz")
     assert (starting.status_code, starting.text) == (503, "kernels are being compiled\n")
-    patient.hindrance = None
-    patient.ailment = "the loop has not turned for 3.0 s"
+    patient.readiness_problem = None
+    patient.liveness_problem = "no loop iteration for 3.0 s"
     assert httpx.get(f"{url}/readyz").status_code == 200
     assert httpx.get(f"{url}/livez").status_code == 503
 
@@ -53,7 +53,12 @@ def test_another_page_is_not_found(url: str) -> None:
 def test_the_address_is_given_back() -> None:
     def server(port: int) -> HttpServer:
         return HttpServer(
-            "127.0.0.1", port, metrics=bytes, content_type="", ailment=lambda: None, hindrance=lambda: None
+            "127.0.0.1",
+            port,
+            metrics=bytes,
+            content_type="",
+            liveness_problem=lambda: None,
+            readiness_problem=lambda: None,
         )
 
     with server(0) as first:

@@ -2,40 +2,24 @@
 
 import numpy as np
 import pytest
-from edge.codec.messages import arrival, record
+from edge.codec.messages import received, record
 from edge.stub import StubEngine, event
 from prometheus_client.parser import text_string_to_metric_families
-from sim.rig import IDENTITY, Rig
+from sim.rig import Rig
 
 from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import Phase, StepResult
 from headway.edge.telemetry.accounting import KINDS, NIS_BAND, Ledger
 from headway.edge.telemetry.latency import Latencies
-from headway.edge.telemetry.metrics import TABLE, Metrics, Sources, Type
-
-
-def metrics_of(rig: Rig) -> Metrics:
-    return Metrics(
-        Sources(
-            identity=IDENTITY,
-            vitals=rig.vitals,
-            ledger=rig.ledger,
-            latencies=rig.latencies,
-            bus=rig.bus,
-            engine=rig.engine,
-            vehicle_capacity=100,
-            queue_limit=10,
-            alarm_budget_per_hour=0.5,
-        )
-    )
+from headway.edge.telemetry.metrics import TABLE, Metrics, Type
 
 
 def scrape(rig: Rig) -> dict[tuple[str, ...], float]:
     """Values by name and label values, in the order of the labels' names."""
     return {
         (sample.name, *(value for _, value in sorted(sample.labels.items()))): sample.value
-        for family in text_string_to_metric_families(metrics_of(rig).text().decode())
+        for family in text_string_to_metric_families(Metrics(rig.context).text().decode())
         for sample in family.samples
     }
 
@@ -43,7 +27,7 @@ def scrape(rig: Rig) -> dict[tuple[str, ...], float]:
 def test_the_table_is_what_is_told_beside_the_process() -> None:
     told = {
         family.name + ("_total" if family.type == "counter" else ""): (family.type, family.documentation)
-        for family in text_string_to_metric_families(metrics_of(Rig(StubEngine())).text().decode())
+        for family in text_string_to_metric_families(Metrics(Rig(StubEngine()).context).text().decode())
         if not family.name.startswith("process_")
     }
     assert told == {metric.name: (metric.type, metric.help) for metric in TABLE}
@@ -65,9 +49,9 @@ def test_every_outcome_kind_and_phase_is_there_before_it_happens() -> None:
 def test_the_values_are_those_of_the_books() -> None:
     rig = Rig(StubEngine(vehicles=7))
     rig.engine.events = [event(), event(phase=Phase.CLEARED)]
-    for sent in (arrival([record("a"), record("b")], "gw-1"), arrival(b"\xc1")):
+    for sent in (received([record("a"), record("b")], "gw-1"), received(b"\xc1")):
         rig.bus.deliver(sent)
-    rig.shell.turn()
+    rig.loop.iterate()
     values = scrape(rig)
     expected = {
         ("headway_messages_total",): 2,
@@ -89,7 +73,7 @@ def test_the_share_inside_the_band_is_95_percent_of_a_consistent_filter() -> Non
     rng = np.random.default_rng(1)
     ledger = Ledger()
     nis = rng.chisquare(2, 100_000)
-    ledger.book(0, [], StepResult(outcomes=np.zeros(nis.size, np.uint8), nis=nis), {})
+    ledger.record(0, [], StepResult(outcomes=np.zeros(nis.size, np.uint8), nis=nis), {})
     assert ledger.nis_inside / nis.size == pytest.approx(0.95, abs=0.005)
     assert ledger.nis_below / nis.size == pytest.approx(0.025, abs=0.004)
     assert ledger.nis_inside + ledger.nis_below + ledger.nis_above == nis.size
@@ -102,7 +86,7 @@ def waits(*values_us: float) -> F64:
 
 def test_a_histogram_counts_every_record_in_the_bucket_it_belongs_to() -> None:
     rig = Rig(StubEngine())
-    rig.latencies.book(
+    rig.latencies.record(
         waits(5.0, 50.0, 2e9), waits(5.0, 50.0, 2e9), decode_us=100.0, detect_us=1_000.0, publish_us=10.0
     )
     rig.latencies.flush()
@@ -121,7 +105,7 @@ def test_percentiles_are_right_to_a_twentieth_and_of_the_time_since_the_last_rep
     latencies = Latencies()
     sample_us = rng.lognormal(7.0, 1.0, 50_000)
     for part in np.array_split(sample_us, 100):
-        latencies.book(part, part, 0.0, 0.0, 0.0)
+        latencies.record(part, part, 0.0, 0.0, 0.0)
     told = latencies.percentiles_ms()
     exact = np.quantile(sample_us, [0.5, 0.99, 0.999]) / 1e3
     assert [told["p50"], told["p99"], told["p999"]] == pytest.approx(exact.tolist(), rel=0.06)

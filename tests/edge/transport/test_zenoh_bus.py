@@ -11,9 +11,9 @@ from sim.loopback import free_endpoint, session
 from sim.until import until
 
 from headway.edge.clock import SystemClock
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
-from headway.edge.transport.receive_queue import Inbox
+from headway.edge.transport.receive_queue import ReceiveQueue
 from headway.edge.transport.zenoh_bus import BusConfig, BusError, ZenohBus
 from headway_schemas.encodings import BSM_MSGPACK, EVENT_JSON, PAIR_STATE_JSON
 
@@ -39,7 +39,7 @@ def go_on(seconds: float) -> bool:
 
 
 def bus_of(settings: BusConfig) -> ZenohBus:
-    return ZenohBus(settings, KEYS, SystemClock(), Inbox(10_000, 1 << 24, 10**12, len))
+    return ZenohBus(settings, KEYS, SystemClock(), ReceiveQueue(10_000, 1 << 24, 10**12, len))
 
 
 @pytest.fixture
@@ -58,13 +58,13 @@ def bus(settings: BusConfig) -> Iterator[ZenohBus]:
 @pytest.fixture
 def other(bus: ZenohBus, settings: BusConfig) -> Iterator[zenoh.Session]:
     session_of_other = session("client", connect=settings.listen)
-    until(lambda: bus.transports == 1)
+    until(lambda: bus.peers == 1)
     yield session_of_other
     session_of_other.close()
 
 
-def drained(bus: ZenohBus, count: int) -> list[Arrival]:
-    taken: list[Arrival] = []
+def drained(bus: ZenohBus, count: int) -> list[ReceivedMessage]:
+    taken: list[ReceivedMessage] = []
 
     def enough() -> bool:
         taken.extend(bus.drain(10_000, 1 << 24, 0))
@@ -80,12 +80,12 @@ def test_what_a_sender_puts_arrives_whole_and_stamped(bus: ZenohBus, other: zeno
     before_us, before_ns = clock.wall_us(), clock.monotonic_ns()
     bus.drain(1, 1 << 24, 0)
     other.put(KEYS.bsm("a"), b"\x01\x02", encoding=BSM_MSGPACK, congestion_control=BLOCK)
-    [arrival] = drained(bus, 1)
-    assert (arrival.key, arrival.payload, arrival.encoding, arrival.is_put) == (
+    [received] = drained(bus, 1)
+    assert (received.key, received.payload, received.encoding, received.is_put) == (
         KEYS.bsm("a"), b"\x01\x02", BSM_MSGPACK, True,
     )  # fmt: skip
-    assert before_us <= arrival.received_us <= clock.wall_us()
-    assert before_ns <= arrival.received_ns <= clock.monotonic_ns()
+    assert before_us <= received.received_us <= clock.wall_us()
+    assert before_ns <= received.received_ns <= clock.monotonic_ns()
 
 
 def test_wildcards_and_deletes_are_passed_on_for_the_codec_to_name(bus: ZenohBus, other: zenoh.Session) -> None:
@@ -99,7 +99,7 @@ def test_wildcards_and_deletes_are_passed_on_for_the_codec_to_name(bus: ZenohBus
 def test_none_of_many_messages_is_lost_and_each_is_counted(bus: ZenohBus, other: zenoh.Session) -> None:
     for n in range(5_000):
         other.put(KEYS.bsm("a"), n.to_bytes(4, "big"), congestion_control=BLOCK)
-    assert [int.from_bytes(arrival.payload, "big") for arrival in drained(bus, 5_000)] == list(range(5_000))
+    assert [int.from_bytes(received.payload, "big") for received in drained(bus, 5_000)] == list(range(5_000))
     assert (bus.received, bus.waiting, bus.shed) == (5_000, 0, 0)
 
 
@@ -142,7 +142,7 @@ def test_a_stalled_subscriber_holds_up_neither_who_publishes_nor_the_end_and_is_
     bus = bus_of(settings)
     assert bus.open(go_on)
     stalled = session("client", connect=settings.listen)
-    until(lambda: bus.transports == 1)
+    until(lambda: bus.peers == 1)
     go, called = threading.Event(), threading.Event()
 
     def stall(_sample: zenoh.Sample) -> None:
@@ -154,7 +154,7 @@ def test_a_stalled_subscriber_holds_up_neither_who_publishes_nor_the_end_and_is_
     until(lambda: bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload) or called.is_set())
     for _ in range(2_000):
         bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload)
-    until(lambda: bus.transports == 0)
+    until(lambda: bus.peers == 0)
     bus.close()
     assert bus.dropped["alert_queue_full"] == 0
     go.set()

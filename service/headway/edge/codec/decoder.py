@@ -21,23 +21,23 @@ from headway.core.types.identifiers import ID_BYTES, id_column
 from headway.core.types.outcome import Outcome
 from headway.edge.codec import msgpack_columns
 from headway.edge.codec.layout import Layout
-from headway.edge.codec.msgpack_columns import Compact
-from headway.edge.codec.payload import Reader, Refusal, fault_of_shape
-from headway.edge.transport.message import Arrival, Fault, Rejection
+from headway.edge.codec.msgpack_columns import CompactRecords
+from headway.edge.codec.payload import Reader, RejectedPayload, shape_reason
+from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway_schemas.bsm import Bsm, Leader, from_record
 from headway_schemas.encodings import BSM_MSGPACK
 from headway_schemas.keys import Keys, has_wildcard, is_gateway, is_id
 
-_REMEMBERED_MAX: Final = 100_000
+_CACHED_MAX: Final = 100_000
 """Keys, and identifiers, found right that are remembered; when there are more, all are forgotten."""
-_NOT_THE_SENDER: Final = Fault(Outcome.IDENTITY_MISMATCH, "id is not the sender that the key names")
-_ANYONE: Final = ""
+_NOT_THE_SENDER: Final = RejectReason(Outcome.IDENTITY_MISMATCH, "id is not the sender that the key names")
+_ANY_SENDER: Final = ""
 """Owner of a gateway's key: its records may be anybody's."""
 
 _BSM: Final = Layout.of(Bsm)
 _LEADER: Final = Layout.of(Leader)
 
-_RECEIVED_US: Final = itemgetter(Arrival._fields.index("received_us"))
+_RECEIVED_US: Final = itemgetter(ReceivedMessage._fields.index("received_us"))
 
 _NOTHING: Final[list[Any]] = []
 """Record of no fields: no model accepts it."""
@@ -106,30 +106,30 @@ class Codec:
         """By key, padded."""
         self._ids: set[str] = set()
 
-    def decode(self, arrivals: Sequence[Arrival]) -> Decoded:
+    def decode(self, messages: Sequence[ReceivedMessage]) -> Decoded:
         """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises."""
-        return self._decode_usual(arrivals) or self._decode_any(arrivals)
+        return self._decode_compact(messages) or self._decode_any(messages)
 
     def warm_up(self) -> None:
         """Compile or load what reads the usual form."""
         msgpack_columns.read(b"", np.empty(0, np.int64), b"", self._bundle_max)
 
-    def _decode_usual(self, arrivals: Sequence[Arrival]) -> Decoded | None:
+    def _decode_compact(self, messages: Sequence[ReceivedMessage]) -> Decoded | None:
         """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
-        read = self._read_usual(arrivals)
+        read = self._read_compact(messages)
         if read is None:
             return None
-        sources = np.arange(len(arrivals))
-        if read.ids.size > len(arrivals):
+        sources = np.arange(len(messages))
+        if read.ids.size > len(messages):
             sources = np.repeat(sources, read.sizes)
         numbers = dict(zip(msgpack_columns.NAMES, read.numbers, strict=True))
-        return Decoded(_batch(read.ids, read.leader_ids, numbers, arrivals, sources), sources, [])
+        return Decoded(_batch(read.ids, read.leader_ids, numbers, messages, sources), sources, [])
 
-    def _read_usual(self, arrivals: Sequence[Arrival]) -> Compact | None:
+    def _read_compact(self, messages: Sequence[ReceivedMessage]) -> CompactRecords | None:
         """Read arrivals that are all of the usual form; None where there is more to say of one."""
-        if not arrivals:
+        if not messages:
             return None
-        keys, payloads, encodings, are_puts, _, _ = zip(*arrivals, strict=True)
+        keys, payloads, encodings, are_puts, _, _ = zip(*messages, strict=True)
         owners = list(map(self._owners.get, keys))
         if None in owners or not all(are_puts) or set(encodings) != {BSM_MSGPACK}:
             return None
@@ -138,8 +138,8 @@ class Codec:
             return None
         return msgpack_columns.read(b"".join(payloads), sizes, b"".join(cast(list[bytes], owners)), self._bundle_max)
 
-    def _decode_any(self, arrivals: Sequence[Arrival]) -> Decoded:
-        opened, rejections = self._open(arrivals)
+    def _decode_any(self, messages: Sequence[ReceivedMessage]) -> Decoded:
+        opened, rejections = self._open(messages)
         sizes = np.array(opened.sizes, dtype=np.int64)
         sources = np.repeat(np.array(opened.sources, dtype=np.int64), sizes)
         table = _BSM.table(_fitting(opened.records, _BSM))
@@ -154,37 +154,37 @@ class Codec:
         if not good.all():
             places = np.arange(sources.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             for i in np.flatnonzero(~good):
-                fault = _fault_of(opened.records[i]) or _NOT_THE_SENDER
-                rejections.append(Rejection(fault, arrivals[sources[i]], index=int(places[i])))
+                reason = _reject_reason(opened.records[i]) or _NOT_THE_SENDER
+                rejections.append(Rejection(reason, messages[sources[i]], index=int(places[i])))
             kept = np.flatnonzero(good)
             sources = sources[kept]
             ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
             numbers = {name: column[kept] for name, column in numbers.items()}
-        batch = _batch(id_column(ids), id_column(leader_ids), numbers, arrivals, sources)
+        batch = _batch(id_column(ids), id_column(leader_ids), numbers, messages, sources)
         return Decoded(batch, sources, rejections)
 
-    def records_in(self, arrivals: Sequence[Arrival]) -> int:
+    def records_in(self, messages: Sequence[ReceivedMessage]) -> int:
         """Return how many records `decode` would account for."""
-        read = self._read_usual(arrivals)
+        read = self._read_compact(messages)
         if read is not None:
             return read.ids.size
-        opened, rejections = self._open(arrivals)
+        opened, rejections = self._open(messages)
         return sum(opened.sizes) + sum(rejection.count for rejection in rejections)
 
-    def _open(self, arrivals: Sequence[Arrival]) -> tuple[_Opened, list[Rejection]]:
+    def _open(self, messages: Sequence[ReceivedMessage]) -> tuple[_Opened, list[Rejection]]:
         opened, rejections = _Opened([], [], [], []), list[Rejection]()
-        for source, arrival in enumerate(arrivals):
-            key, payload, encoding, is_put, received_us, _ = arrival
+        for source, message in enumerate(messages):
+            key, payload, encoding, is_put, received_us, _ = message
             owner = self._owners.get(key)
             if owner is None or not is_put or len(payload) > self._payload_max_bytes:
-                fault = self._fault_of_envelope(arrival)
-                if fault is not None:
-                    rejections.append(Rejection(fault, arrival))
+                reason = self._envelope_reason(message)
+                if reason is not None:
+                    rejections.append(Rejection(reason, message))
                     continue
-                owner = self._learn_owner(key)
+                owner = self._cache_owner(key)
             records = self._reader.read(payload, encoding, received_us)
-            if type(records) is Refusal:
-                rejections.append(Rejection(records.fault, arrival, count=records.size))
+            if type(records) is RejectedPayload:
+                rejections.append(Rejection(records.reason, message, count=records.size))
                 continue
             opened.records.extend(records)
             opened.sources.append(source)
@@ -192,23 +192,25 @@ class Codec:
             opened.owners.append(owner.rstrip(b"\0").decode())
         return opened, rejections
 
-    def _fault_of_envelope(self, arrival: Arrival) -> Fault | None:
-        if not arrival.is_put:
-            return Fault(Outcome.NOT_A_PUT, "only PUT carries a message")
-        if has_wildcard(arrival.key):
-            return Fault(Outcome.WILDCARD_KEY, "the key stands for more than one")
-        address = self._keys.parse(arrival.key)
+    def _envelope_reason(self, message: ReceivedMessage) -> RejectReason | None:
+        if not message.is_put:
+            return RejectReason(Outcome.NOT_A_PUT, "only PUT carries a message")
+        if has_wildcard(message.key):
+            return RejectReason(Outcome.WILDCARD_KEY, "the key stands for more than one")
+        address = self._keys.parse(message.key)
         if address is None or address.channel != "bsm":
-            return Fault(Outcome.IDENTITY_MISMATCH, "the key names no sender")
-        if len(arrival.payload) > self._payload_max_bytes:
-            return Fault(Outcome.PAYLOAD_TOO_LARGE, f"{len(arrival.payload)} bytes, {self._payload_max_bytes} at most")
+            return RejectReason(Outcome.IDENTITY_MISMATCH, "the key names no sender")
+        if len(message.payload) > self._payload_max_bytes:
+            return RejectReason(
+                Outcome.PAYLOAD_TOO_LARGE, f"{len(message.payload)} bytes, {self._payload_max_bytes} at most"
+            )
         return None
 
-    def _learn_owner(self, key: str) -> bytes:
+    def _cache_owner(self, key: str) -> bytes:
         sender = key.rpartition("/")[2]
-        if len(self._owners) >= _REMEMBERED_MAX:
+        if len(self._owners) >= _CACHED_MAX:
             self._owners.clear()
-        owner = _ANYONE if is_gateway(sender) else sender
+        owner = _ANY_SENDER if is_gateway(sender) else sender
         return self._owners.setdefault(key, owner.encode().ljust(ID_BYTES, b"\0"))
 
     def _not_ids(self, values: list[Any]) -> NDArray[np.intp]:
@@ -223,7 +225,7 @@ class Codec:
     def _is_id(self, value: Any) -> bool:
         if type(value) is not str or not is_id(value):
             return False
-        if len(self._ids) >= _REMEMBERED_MAX:
+        if len(self._ids) >= _CACHED_MAX:
             self._ids.clear()
         self._ids.add(value)
         return True
@@ -249,8 +251,10 @@ class Codec:
         return leader_ids, table.numbers
 
 
-def _batch(ids: Ids, leader_ids: Ids, numbers: dict[str, F64], arrivals: Sequence[Arrival], sources: I64) -> Batch:
-    received_us = np.fromiter(map(_RECEIVED_US, arrivals), np.int64, len(arrivals))
+def _batch(
+    ids: Ids, leader_ids: Ids, numbers: dict[str, F64], messages: Sequence[ReceivedMessage], sources: I64
+) -> Batch:
+    received_us = np.fromiter(map(_RECEIVED_US, messages), np.int64, len(messages))
     return Batch(
         ids=ids,
         leader_ids=leader_ids,
@@ -271,7 +275,7 @@ def _batch(ids: Ids, leader_ids: Ids, numbers: dict[str, F64], arrivals: Sequenc
 
 def _may_send(owner: str, sender: Any) -> bool:
     """Whether a key of this owner may carry a record of this sender."""
-    return owner in (_ANYONE, sender)
+    return owner in (_ANY_SENDER, sender)
 
 
 def _fitting(records: list[Any], layout: Layout) -> list[Any]:
@@ -282,25 +286,25 @@ def _fitting(records: list[Any], layout: Layout) -> list[Any]:
     return [record if type(record) is list and len(record) <= width else _NOTHING for record in records]
 
 
-def _fault_of(record: Any) -> Fault | None:
+def _reject_reason(record: Any) -> RejectReason | None:
     """Ask the model what is wrong with a record; None: nothing."""
-    if isinstance(record, Fault):
+    if isinstance(record, RejectReason):
         return record
     if type(record) is not list:
-        return Fault(Outcome.MALFORMED, "neither a map nor an array of fields")
+        return RejectReason(Outcome.MALFORMED, "neither a map nor an array of fields")
     if len(record) > len(_BSM.fields):
-        return fault_of_shape(record[0], "more fields than version 1 has")
+        return shape_reason(record[0], "more fields than version 1 has")
     try:
         from_record(record)
     except ValidationError as error:
-        faults = [_named(details) for details in error.errors(include_url=False, include_context=False)]
-        return min(faults, key=lambda fault: _WORST_FIRST.index(fault.reason))
+        faults = [_reason_of(details) for details in error.errors(include_url=False, include_context=False)]
+        return min(faults, key=lambda reason: _WORST_FIRST.index(reason.outcome))
     except ValueError:
-        return fault_of_shape(record[0], "the leader of a record is an array of at most three fields")
+        return shape_reason(record[0], "the leader of a record is an array of at most three fields")
     return None
 
 
-def _named(error: ErrorDetails) -> Fault:
+def _reason_of(error: ErrorDetails) -> RejectReason:
     field, value = error["loc"][:1], error["input"]
     if field == ("v",):
         reason = Outcome.WRONG_VERSION
@@ -310,4 +314,4 @@ def _named(error: ErrorDetails) -> Fault:
         reason = Outcome.OUT_OF_RANGE  # an integer beyond what a double holds
     else:
         reason = _REASONS.get(error["type"], Outcome.MALFORMED)
-    return Fault(reason, f"{'.'.join(map(str, error['loc'])) or 'record'}: {error['msg']}")
+    return RejectReason(reason, f"{'.'.join(map(str, error['loc'])) or 'record'}: {error['msg']}")

@@ -11,7 +11,7 @@ from datetime import datetime
 from typing import Any, Final
 
 from headway.core.types.outcome import Outcome
-from headway.edge.transport.message import Fault
+from headway.edge.transport.message import RejectReason
 from headway_schemas.bsm import WIRE_VERSION
 
 _WRAPPERS: Final = ("payload", "data", "value", "BasicSafetyMessage", "coreData")
@@ -23,13 +23,13 @@ _SEC_MARK_MAX: Final = 60999
 """60000 to 60999 are a leap second, 61000 and above reserved."""
 
 
-def from_raw(message: object, received_us: int) -> list[Any] | Fault:
+def from_raw(message: object, received_us: int) -> list[Any] | RejectReason:
     """Convert one message of profile `raw`; its minute is the one nearest to `received_us`."""
     core = _core_data(message)
     if core is None:
-        return Fault(Outcome.MALFORMED, "no coreData")
+        return RejectReason(Outcome.MALFORMED, "no coreData")
     t_us = _t_us(core.get("secMark"), received_us)
-    if isinstance(t_us, Fault):
+    if isinstance(t_us, RejectReason):
         return t_us
     size = _part(core, "size")
     return [
@@ -49,13 +49,13 @@ def from_raw(message: object, received_us: int) -> list[Any] | Fault:
     ]
 
 
-def from_ode(message: object, received_us: int) -> list[Any] | Fault:
+def from_ode(message: object, received_us: int) -> list[Any] | RejectReason:
     """Convert one message of profile `ode`; its minute is the one nearest to `recordGeneratedAt`, else to receipt."""
     core = _core_data(message)
     if core is None:
-        return Fault(Outcome.MALFORMED, "no coreData")
+        return RejectReason(Outcome.MALFORMED, "no coreData")
     t_us = _t_us(core.get("secMark"), _generated_us(message) or received_us)
-    if isinstance(t_us, Fault):
+    if isinstance(t_us, RejectReason):
         return t_us
     position, size = _part(core, "position"), _part(core, "size")
     accel_mps2 = _part(core, "accelSet").get("accelLong")
@@ -94,14 +94,14 @@ def _scaled(value: object, per_unit: int, *, unavailable: int) -> object:
     return None if value == unavailable else max(-_INTEGER_MAX, min(value, _INTEGER_MAX)) / per_unit
 
 
-def _t_us(sec_mark: object, reference_us: int) -> int | Fault:
+def _t_us(sec_mark: object, reference_us: int) -> int | RejectReason:
     """Instant of `secMark`, milliseconds within a minute that the message does not name."""
     if sec_mark is None or sec_mark == _SEC_MARK_UNAVAILABLE:
-        return Fault(Outcome.UNAVAILABLE, "secMark is unavailable")
+        return RejectReason(Outcome.UNAVAILABLE, "secMark is unavailable")
     if type(sec_mark) is not int:
-        return Fault(Outcome.MALFORMED, "secMark is not an integer")
+        return RejectReason(Outcome.MALFORMED, "secMark is not an integer")
     if not 0 <= sec_mark <= _SEC_MARK_MAX:
-        return Fault(Outcome.OUT_OF_RANGE, f"secMark is not within 0 to {_SEC_MARK_MAX}")
+        return RejectReason(Outcome.OUT_OF_RANGE, f"secMark is not within 0 to {_SEC_MARK_MAX}")
     age_us = (reference_us - sec_mark * 1000) % _MINUTE_US
     return reference_us - (age_us if age_us <= _MINUTE_US // 2 else age_us - _MINUTE_US)
 

@@ -114,18 +114,18 @@ def encode(message: Message) -> bytes:
 
 def rejected_copy(rejection: Rejection, *, payload_max_bytes: int) -> RejectedCopy:
     """Return what goes to the rejected topic: never more than `payload_max_bytes` of the payload."""
-    arrival = rejection.arrival
-    sender = arrival.key.rpartition("/")[2]
+    message = rejection.message
+    sender = message.key.rpartition("/")[2]
     return RejectedCopy(
-        reason=rejection.fault.reason.label,
-        detail=rejection.fault.detail,
-        key=_printable(arrival.key),
+        reason=rejection.reason.outcome.label,
+        detail=rejection.reason.detail,
+        key=_printable(message.key),
         sender=sender if is_id(sender) else None,
-        encoding=_printable(arrival.encoding),
-        size=len(arrival.payload),
-        payload=arrival.payload[:payload_max_bytes],
-        truncated=len(arrival.payload) > payload_max_bytes,
-        received_us=arrival.received_us,
+        encoding=_printable(message.encoding),
+        size=len(message.payload),
+        payload=message.payload[:payload_max_bytes],
+        truncated=len(message.payload) > payload_max_bytes,
+        received_us=message.received_us,
         count=rejection.count,
     )
 

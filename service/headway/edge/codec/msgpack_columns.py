@@ -42,7 +42,7 @@ for _layout, _part in ((_BSM, slice(OF_LEADER)), (_LEADER, slice(OF_LEADER, None
     LIMITS["integer"][_part] = [float not in kinds for kinds in _layout.kinds.values()]
 
 
-class Compact(NamedTuple):
+class CompactRecords(NamedTuple):
     """B records as columns."""
 
     numbers: F64
@@ -55,7 +55,7 @@ class Compact(NamedTuple):
     """(P,) records of each payload."""
 
 
-def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> Compact | None:
+def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> CompactRecords | None:
     """Read payloads that lie end to end, of `sizes` (P,) bytes; None where one of them is not for here.
 
     `owners` are P names end to end, of NAME_BYTES each: whose records alone each may hold; NUL throughout: anybody's.
@@ -68,7 +68,7 @@ def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> Compact
     count = _read(buffer, sizes, owned, bundle_max, LIMITS, numbers, id_words(ids), id_words(leader_ids), records)
     if count < 0:
         return None
-    return Compact(numbers[:, :count], ids[:count], leader_ids[:count], records)
+    return CompactRecords(numbers[:, :count], ids[:count], leader_ids[:count], records)
 
 
 _inlined: Final = njit(cache=True, inline="always")

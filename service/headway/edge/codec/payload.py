@@ -12,7 +12,7 @@ import msgpack
 
 from headway.core.types.outcome import Outcome
 from headway.edge.codec import j2735
-from headway.edge.transport.message import Fault
+from headway.edge.transport.message import RejectReason
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, WIRE_VERSION
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, J2735_ODE, J2735_RAW
 
@@ -25,10 +25,10 @@ Records = list[Any]
 """Compact records, each with a `Fault` or some other object in its place where the sender sent no record."""
 
 
-class Refusal(NamedTuple):
+class RejectedPayload(NamedTuple):
     """A payload without a single record to judge."""
 
-    fault: Fault
+    reason: RejectReason
     size: int = 1
     """Records in it; one where nobody can count them."""
 
@@ -52,18 +52,22 @@ class Reader:
             J2735_ODE: self._read_j2735_ode,
         }
 
-    def read(self, payload: bytes, encoding: str, received_us: int) -> Records | Refusal:
+    def read(self, payload: bytes, encoding: str, received_us: int) -> Records | RejectedPayload:
         """Return the records of a payload, at least one, in order."""
         reader = self._readers.get(encoding)
         if reader is None:
-            return Refusal(Fault(Outcome.UNKNOWN_ENCODING, "encoding is none of " + ", ".join(self._readers)))
+            return RejectedPayload(
+                RejectReason(Outcome.UNKNOWN_ENCODING, "encoding is none of " + ", ".join(self._readers))
+            )
         try:
             return reader(payload, received_us)
         except _BundleTooLargeError as error:
-            fault = Fault(Outcome.BUNDLE_TOO_LARGE, f"{error.size} records where {self._bundle_max} are the most")
-            return Refusal(fault, error.size)
+            reason = RejectReason(
+                Outcome.BUNDLE_TOO_LARGE, f"{error.size} records where {self._bundle_max} are the most"
+            )
+            return RejectedPayload(reason, error.size)
         except (ValueError, RecursionError):
-            return Refusal(Fault(Outcome.MALFORMED, f"not {encoding}"))
+            return RejectedPayload(RejectReason(Outcome.MALFORMED, f"not {encoding}"))
 
     def _read_msgpack(self, payload: bytes, _received_us: int) -> Records:
         try:
@@ -111,23 +115,23 @@ class Reader:
             raise _BundleTooLargeError(len(bundle))
 
 
-def _record_of(message: dict[str, Any]) -> list[Any] | Fault:
+def _record_of(message: dict[str, Any]) -> list[Any] | RejectReason:
     if not _FIELD_SET.issuperset(message):
-        return fault_of_shape(message.get("v"), "a field that version 1 does not have")
+        return shape_reason(message.get("v"), "a field that version 1 does not have")
     record = list(map(message.get, FIELDS))
     leader = record[-1]
     if leader is not None:
         if type(leader) is not dict or not _LEADER_FIELD_SET.issuperset(leader):
-            return fault_of_shape(record[0], "the leader of a map is a map of id, range_m and range_rate_mps")
+            return shape_reason(record[0], "the leader of a map is a map of id, range_m and range_rate_mps")
         record[-1] = list(map(leader.get, LEADER_FIELDS))
     return record
 
 
-def fault_of_shape(version: object, detail: str) -> Fault:
+def shape_reason(version: object, detail: str) -> RejectReason:
     """Name a record whose fields are not those of this version: what may be right in another is no error of form."""
     if type(version) is int and version != WIRE_VERSION:
-        return Fault(Outcome.WRONG_VERSION, f"v is not {WIRE_VERSION}")
-    return Fault(Outcome.MALFORMED, detail)
+        return RejectReason(Outcome.WRONG_VERSION, f"v is not {WIRE_VERSION}")
+    return RejectReason(Outcome.MALFORMED, detail)
 
 
 def _json(payload: bytes) -> Any:

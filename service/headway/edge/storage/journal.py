@@ -1,6 +1,6 @@
-"""Every statement on disk, in SQLite: written by one thread, read by any number of others at the same time.
+"""Every event update on disk, in SQLite: one thread writes, any number of others read at the same time.
 
-The journal never decides whether an alert goes out. What cannot be written is told all the same, and counted.
+The journal never decides whether an alert is published. What cannot be written is published and counted.
 """
 
 import sqlite3
@@ -15,10 +15,10 @@ from headway_schemas.event import Event
 FORMAT: Final = 1
 """`user_version` of the file."""
 PRUNE_AT_ONCE: Final = 200
-"""Statements that one step of pruning takes away: a few milliseconds."""
+"""Event updates that one step of pruning deletes: a few milliseconds."""
 
 _VACUUM_PAGES: Final = 1_024
-"""Pages free in the file beyond which some are given back to the disk, and how many at a time."""
+"""Free pages in the file above which some are returned to the disk, and how many at a time."""
 _WAL_BYTES: Final = 16 << 20
 LOCK_S: Final = 5.0
 """How long to wait while another process writes."""
@@ -36,7 +36,8 @@ CREATE TABLE statements (
 CREATE INDEX by_time ON statements (detected_us);
 CREATE INDEX by_event ON statements (event_id);
 """
-"""`told` is the event's JSON as far as its evidence, `evidence` that of the evidence as far as its parameters."""
+"""Format 1, whose names stay: a row of `statements` is an event update. `told` is its JSON up to the evidence,
+`evidence` that of the evidence up to its parameters."""
 
 _INSERT: Final = (
     "INSERT INTO statements"
@@ -47,7 +48,7 @@ _INSERT: Final = (
 
 @unique
 class Reason(StrEnum):
-    """Why a statement is not in the journal."""
+    """Why an event update is not in the journal."""
 
     DISK_FULL = "disk_full"
     LOCKED = "locked"
@@ -76,7 +77,7 @@ class OtherFormatError(sqlite3.DatabaseError):
 
 
 def reason_of(error: Exception) -> Reason:
-    """Name what SQLite or the system says."""
+    """Return the reason for an error of SQLite or of the system."""
     if isinstance(error, OtherFormatError):
         return Reason.OTHER_FORMAT
     if isinstance(error, sqlite3.Error):
@@ -85,8 +86,8 @@ def reason_of(error: Exception) -> Reason:
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
-    """An event and what goes out of it: where to, and the bytes."""
+class EventUpdate:
+    """An event, and the key and payload under which it is published."""
 
     event: Event
     key: str
@@ -94,16 +95,16 @@ class Statement:
 
 
 class Journal:
-    """The writing end, for one thread. It opens the file when there is something to do, and again after a failure.
+    """The writing end, for one thread. It opens the file at the first use, and again after a failure.
 
     Parameters
     ----------
     path
-        The file; its folder is made when it is not there.
+        The file; a missing folder is created.
     days
-        Statements older than this are pruned.
+        Updates older than this are pruned.
     megabytes
-        So are the oldest when the file holds more than this.
+        The oldest updates are pruned when the file is larger than this.
     """
 
     def __init__(self, path: Path, *, days: float, megabytes: float) -> None:
@@ -113,21 +114,21 @@ class Journal:
         self._db: sqlite3.Connection | None = None
         self._config_ids: dict[bytes, int] = {}
         self.used_bytes = 0
-        """What the file holds, as of the last step of pruning."""
+        """Size of the content, as of the last step of pruning."""
 
-    def write(self, statements: Sequence[Statement]) -> None:
-        """Keep all of them, or none. Raises `sqlite3.Error` or `OSError`."""
+    def write(self, updates: Sequence[EventUpdate]) -> None:
+        """Write all of them, or none. Raises `sqlite3.Error` or `OSError`."""
         try:
             db = self._opened()
             db.execute("BEGIN IMMEDIATE")
-            db.executemany(_INSERT, [self._row(db, statement) for statement in statements])
+            db.executemany(_INSERT, [self._row(db, update) for update in updates])
             db.execute("COMMIT")
         except sqlite3.Error:
             self.close()
             raise
 
     def prune(self, now_us: int) -> int:
-        """Take away some of what is too old or too much; return how many. Raises `sqlite3.Error` or `OSError`."""
+        """Delete some updates that are too old or too many; return how many. Raises `sqlite3.Error` or `OSError`."""
         try:
             db = self._opened()
             page_bytes, pages, free = (
@@ -146,7 +147,7 @@ class Journal:
         return pruned
 
     def close(self) -> None:
-        """Let go of the file; what was not committed is undone."""
+        """Close the file; what was not committed is undone."""
         if self._db is not None:
             self._db.close()
             self._db = None
@@ -164,9 +165,9 @@ class Journal:
             self._db = db
         return self._db
 
-    def _row(self, db: sqlite3.Connection, statement: Statement) -> tuple[Any, ...]:
-        event = statement.event
-        told, _, evidence = statement.payload.partition(b',"evidence":')
+    def _row(self, db: sqlite3.Connection, update: EventUpdate) -> tuple[Any, ...]:
+        event = update.event
+        told, _, evidence = update.payload.partition(b',"evidence":')
         config = None
         if event.evidence is not None:
             evidence, _, parameters = evidence.rpartition(b',"parameters":')
@@ -196,7 +197,7 @@ class Journal:
 
 
 def _prepare(db: sqlite3.Connection) -> None:
-    """Make a journal of an empty file, and refuse any other that is none."""
+    """Make a journal of an empty file, and refuse a file of another format."""
     if number(db, "PRAGMA user_version") == 0 and number(db, "SELECT count(*) FROM sqlite_schema") == 0:
         db.execute("PRAGMA auto_vacuum = INCREMENTAL")
         db.executescript(f"BEGIN IMMEDIATE;{_SCHEMA};PRAGMA user_version = {FORMAT};COMMIT")
@@ -207,12 +208,12 @@ def _prepare(db: sqlite3.Connection) -> None:
 
 
 def require_format(db: sqlite3.Connection) -> None:
-    """Raise `OtherFormatError` unless this is a journal as this version keeps it."""
+    """Raise `OtherFormatError` unless this is a journal of this version."""
     found = number(db, "PRAGMA user_version")
     if found != FORMAT:
         raise OtherFormatError(f"format {found} where this version reads {FORMAT}")
 
 
-def number(db: sqlite3.Connection, question: str) -> int:
-    """Return the one number that answers a question."""
-    return int(db.execute(question).fetchone()[0])
+def number(db: sqlite3.Connection, sql: str) -> int:
+    """Return the one number that answers an SQL query."""
+    return int(db.execute(sql).fetchone()[0])

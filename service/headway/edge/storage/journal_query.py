@@ -1,4 +1,4 @@
-"""The reading end of the journal: pages for the bus, and everything for the commands."""
+"""The reading end of the journal: pages for the bus, all rows for the commands."""
 
 import sqlite3
 import time
@@ -11,16 +11,16 @@ from pydantic import ValidationError
 
 from headway.edge.storage.journal import LOCK_S, reason_of, require_format
 from headway.edge.transport.ports import Query
-from headway.edge.worker import Outbox
+from headway.edge.worker import Worker
 from headway_schemas.encodings import EVENTS_JSON
 from headway_schemas.query import AlertsQuery
 
 _QUERY_S: Final = 5.0
-"""A question that takes longer is refused."""
+"""A query that takes longer is refused."""
 _EVIDENCE_BYTES: Final = 8 << 20
-"""Evidence in one answer; older statements come without, for a message of more than 16 MB would reach nobody."""
-_QUESTIONS: Final = 64
-"""Questions that wait."""
+"""Most evidence in one answer; older updates come without, because zenoh drops messages above 16 MB."""
+_QUERIES_MAX: Final = 64
+"""Most queries that wait."""
 _CLOSE_S: Final = 1.0
 
 _CONDITIONS: Final = {
@@ -32,11 +32,11 @@ _CONDITIONS: Final = {
     "vehicle": "? IN (suspect, follower, leader)",
     "event": "event_id = ?",
 }
-"""What each field of an `AlertsQuery` asks of a row; `limit` and `evidence` are no conditions."""
+"""SQL condition of each field of an `AlertsQuery`; `limit` and `evidence` are no conditions."""
 
 
-class Told(NamedTuple):
-    """A statement as it went out, its evidence apart."""
+class StoredEvent(NamedTuple):
+    """An event update as it was published, its evidence apart."""
 
     detected_us: int
     event: bytes
@@ -44,19 +44,19 @@ class Told(NamedTuple):
 
     @property
     def json(self) -> bytes:
-        """The statement, whole."""
+        """The update with its evidence."""
         return self.event + b',"evidence":' + (self.evidence or b"null") + b"}"
 
 
 def read(
     path: Path, query: AlertsQuery, *, site: str | None = None, oldest_first: bool = False, longest_s: float = 3600.0
-) -> Iterator[Told]:
-    """Yield the statements that meet the conditions of a query, newest first, however many.
+) -> Iterator[StoredEvent]:
+    """Yield the event updates that meet the conditions of a query, newest first, without a limit.
 
     Raises
     ------
     sqlite3.Error
-        There is no journal, it cannot be read, or the time is over.
+        There is no journal, it cannot be read, or `longest_s` is over.
     """
     with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCK_S)) as db:
         over_s = time.monotonic() + longest_s
@@ -74,49 +74,49 @@ def read(
         )
         for detected_us, event, shown, parameters in rows:
             whole = None if shown is None else shown + b',"parameters":' + parameters + b"}"
-            yield Told(detected_us, event, whole)
+            yield StoredEvent(detected_us, event, whole)
 
 
 def page(path: Path, query: AlertsQuery, site: str | None = None) -> list[bytes]:
-    """Return the newest `limit` statements that meet the query, and those of the same microsecond as the last.
+    """Return the newest `limit` updates that meet the query, and those of the same microsecond as the last.
 
-    Raises as `read` does; it takes 5 s at most.
+    Raises as `read` does; it takes at most 5 s.
     """
-    told: list[bytes] = []
+    found: list[bytes] = []
     last_us, evidence_bytes = 0, 0
-    for statement in read(path, query, site=site, longest_s=_QUERY_S):
-        if len(told) >= query.limit and statement.detected_us != last_us:
+    for update in read(path, query, site=site, longest_s=_QUERY_S):
+        if len(found) >= query.limit and update.detected_us != last_us:
             break
-        last_us = statement.detected_us
-        evidence_bytes += len(statement.evidence or b"")
-        told.append((statement if evidence_bytes <= _EVIDENCE_BYTES else statement._replace(evidence=None)).json)
-    return told
+        last_us = update.detected_us
+        evidence_bytes += len(update.evidence or b"")
+        found.append((update if evidence_bytes <= _EVIDENCE_BYTES else update._replace(evidence=None)).json)
+    return found
 
 
-class History:
-    """Answers questions from the journal in a thread of its own, whatever the loop and the writer do."""
+class HistoryQueryable:
+    """Answers queries from the journal in a thread of its own, whatever the loop and the writer do."""
 
     def __init__(self, path: Path, site: str) -> None:
         self._path = path
         self._site = site
-        self._outbox = Outbox("headway-history", _QUESTIONS, sqlite3.Error)
+        self._worker = Worker("headway-history", _QUERIES_MAX, sqlite3.Error)
 
     def ask(self, query: Query) -> None:
-        """Have a question answered soon."""
-        self._outbox.put(lambda: self._answer(query))
+        """Queue a query."""
+        self._worker.put(lambda: self._answer(query))
 
     def close(self) -> None:
-        """Answer what waits."""
-        self._outbox.close(_CLOSE_S)
+        """Answer the queries that wait."""
+        self._worker.close(_CLOSE_S)
 
     def _answer(self, query: Query) -> None:
         try:
             asked = AlertsQuery.from_parameters(query.parameters)
-            told = page(self._path, asked, self._site)
+            found = page(self._path, asked, self._site)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             query.refuse(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
         except sqlite3.Error as error:
             query.refuse(f"the journal cannot be read ({reason_of(error)}): {error}")
         else:
-            query.answer(b"[" + b",".join(told) + b"]", EVENTS_JSON)
+            query.answer(b"[" + b",".join(found) + b"]", EVENTS_JSON)

@@ -1,4 +1,4 @@
-"""Statements are written down, then told: by a thread of its own, for a commit may take as long as the disk likes."""
+"""A thread that commits event updates to the journal and then publishes them."""
 
 import sqlite3
 import threading
@@ -11,75 +11,75 @@ from typing import Final
 import structlog
 
 from headway.edge.clock import Clock
-from headway.edge.storage.journal import PRUNE_AT_ONCE, Journal, Reason, Statement, reason_of
+from headway.edge.storage.journal import PRUNE_AT_ONCE, EventUpdate, Journal, Reason, reason_of
 
 WAITING_MAX: Final = 2_000
-"""Statements that wait for the disk: some 20 MB."""
-PATIENCE_NS: Final = 1_000_000_000
-"""What has not been written by then is told before it is."""
+"""Most event updates that wait for the disk: about 20 MB."""
+PUBLISH_AFTER_NS: Final = 1_000_000_000
+"""An update that has waited this long for its commit is published before it."""
 _IDLE_S: Final = 1.0
-"""After so long without a statement there is time to prune."""
+"""After this long without an update the thread prunes."""
 
 _log: Final = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
 class _Batch:
-    """The statements of one turn. Whoever takes one out of `untold` tells it, so that it is told once."""
+    """The updates of one loop iteration. The thread that takes one out of `unpublished` publishes it, so once."""
 
-    statements: Sequence[Statement]
+    updates: Sequence[EventUpdate]
     put_ns: int
-    untold: deque[Statement] = field(default_factory=deque)
+    unpublished: deque[EventUpdate] = field(default_factory=deque)
 
 
-class Scribe:
-    """Keeps each turn's statements in one transaction and then tells them, in their order.
+class JournalWriter:
+    """Commits the updates of each loop iteration in one transaction and then publishes them, in order.
 
-    `put` and `turn` belong to the loop; neither ever waits. Where the disk fails, the statements are told without, and
-    counted under the reason; where it does not answer, they are told after a second and written when it does.
+    The loop calls `put` and `tick`; neither waits. If the disk fails, the updates are published without a commit and
+    counted under the reason. If it does not answer, they are published after a second and written when it does.
 
     Parameters
     ----------
     journal
         Where to write.
-    tell
-        Tells one statement; any thread may call it.
+    publish
+        Publishes one update; any thread may call it.
     """
 
-    def __init__(self, journal: Journal, tell: Callable[[Statement], None], clock: Clock) -> None:
+    def __init__(self, journal: Journal, publish: Callable[[EventUpdate], None], clock: Clock) -> None:
         self._journal = journal
-        self._tell = tell
+        self._publish = publish
         self._clock = clock
         self._queue: SimpleQueue[_Batch | None] = SimpleQueue()
-        self._untold: deque[_Batch] = deque()
-        self._put = self._taken = self._displaced = self._owed = 0
+        self._unpublished: deque[_Batch] = deque()
+        self._put = self._taken = self._overflowed = self._prune_debt = 0
         self.written = 0
-        """Statements in the journal."""
+        """Updates written to the journal."""
         self.failed: Counter[Reason] = Counter(dict.fromkeys(Reason, 0))
-        """Statements that are not, by reason."""
-        self.hurried = 0
-        """Statements told before they were written."""
+        """Updates that could not be written, by reason."""
+        self.published_before_commit = 0
+        """Updates published before they were written."""
         self.pruned = 0
         self.trouble: Reason | None = None
-        """Why the newest attempt failed; None: it did not."""
+        """Why the newest attempt failed; None: it succeeded."""
         self._thread = threading.Thread(target=self._run, name="headway-journal", daemon=True)
         self._thread.start()
 
     @property
     def waiting(self) -> int:
-        """Statements that wait to be written."""
-        return self._put - self._taken - self._displaced
+        """Updates that wait to be written."""
+        return self._put - self._taken - self._overflowed
 
     @property
     def used_bytes(self) -> int:
-        """What the journal holds."""
+        """Size of the journal."""
         return self._journal.used_bytes
 
-    def put(self, statements: Sequence[Statement]) -> None:
-        """Have these written and told soon."""
-        batch = _Batch(statements, self._clock.monotonic_ns(), deque(statements))
-        self._put += len(statements)
-        self._untold.append(batch)
+    def put(self, updates: Sequence[EventUpdate]) -> None:
+        """Queue updates to be written and then published."""
+        batch = _Batch(updates, self._clock.monotonic_ns(), deque(updates))
+        self._put += len(updates)
+        self._unpublished.append(batch)
         self._queue.put(batch)
         while self.waiting > WAITING_MAX:
             try:
@@ -87,32 +87,34 @@ class Scribe:
             except Empty:  # the thread has just taken it
                 return
             if oldest is not None:
-                self._displaced += len(oldest.statements)
-                self.failed[Reason.QUEUE_FULL] += len(oldest.statements)
-                self._tell_all(oldest)
+                self._overflowed += len(oldest.updates)
+                self.failed[Reason.QUEUE_FULL] += len(oldest.updates)
+                self._publish_all(oldest)
 
-    def turn(self, now_ns: int) -> None:
-        """Tell what has waited too long for the disk."""
-        while self._untold and (not self._untold[0].untold or now_ns - self._untold[0].put_ns > PATIENCE_NS):
-            self.hurried += self._tell_all(self._untold.popleft())
+    def tick(self, now_ns: int) -> None:
+        """Publish what has waited too long for the disk."""
+        while self._unpublished and (
+            not self._unpublished[0].unpublished or now_ns - self._unpublished[0].put_ns > PUBLISH_AFTER_NS
+        ):
+            self.published_before_commit += self._publish_all(self._unpublished.popleft())
 
     def close(self, timeout_s: float) -> None:
-        """Write and tell what waits; what is not written in time is told at once."""
+        """Write and publish what waits; what is not written within `timeout_s` is published at once."""
         self._queue.put(None)
         self._thread.join(timeout_s)
-        while self._untold:
-            self.hurried += self._tell_all(self._untold.popleft())
+        while self._unpublished:
+            self.published_before_commit += self._publish_all(self._unpublished.popleft())
 
-    def _tell_all(self, batch: _Batch) -> int:
-        told = 0
-        while batch.untold:
+    def _publish_all(self, batch: _Batch) -> int:
+        published = 0
+        while batch.unpublished:
             try:
-                statement = batch.untold.popleft()
+                update = batch.unpublished.popleft()
             except IndexError:  # the other thread has just taken it
                 break
-            self._tell(statement)
-            told += 1
-        return told
+            self._publish(update)
+            published += 1
+        return published
 
     def _run(self) -> None:
         self._prune()
@@ -130,18 +132,18 @@ class Scribe:
             self._journal.close()
 
     def _take(self, batch: _Batch) -> None:
-        n = len(batch.statements)
+        n = len(batch.updates)
         self._taken += n
-        if self._attempt(lambda: self._journal.write(batch.statements), n):
+        if self._attempt(lambda: self._journal.write(batch.updates), n):
             self.written += n
-        self._tell_all(batch)
-        self._owed += n
-        if self._owed >= PRUNE_AT_ONCE // 2:
+        self._publish_all(batch)
+        self._prune_debt += n
+        if self._prune_debt >= PRUNE_AT_ONCE // 2:
             self._prune()
 
     def _prune(self) -> None:
-        """Take away up to twice what has come since the last time; when idle, all that is due."""
-        self._owed = 0
+        """Delete up to twice as many updates as were written since the last time; all that are due when idle."""
+        self._prune_debt = 0
         self._attempt(self._prune_step, 0)
 
     def _prune_step(self) -> None:
@@ -150,16 +152,16 @@ class Scribe:
             if not self._queue.empty():
                 return
 
-    def _attempt(self, act: Callable[[], None], statements: int) -> bool:
-        """Do it; a failure is counted for so many statements, and logged where it is news."""
+    def _attempt(self, task: Callable[[], None], updates: int) -> bool:
+        """Run the task; count a failure for so many updates, and log the first of a series."""
         trouble = None
         try:
-            act()
+            task()
         except (sqlite3.Error, OSError) as error:
             trouble = reason_of(error)
-            self.failed[trouble] += statements
+            self.failed[trouble] += updates
             if self.trouble is None:
-                _log.error("journal fails; alerts go out all the same", reason=trouble, error=str(error))
+                _log.error("journal fails; alerts are still published", reason=trouble, error=str(error))
         else:
             if self.trouble is not None:
                 _log.info("journal works again")

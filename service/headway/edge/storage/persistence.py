@@ -1,4 +1,4 @@
-"""All that outlives the process, in one folder: the journal of events and the snapshot of the detector."""
+"""What outlives the process, in one folder: the journal of events and the snapshot of the detector."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,20 +8,20 @@ from typing import Final
 from headway.core.engine import Engine
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
-from headway.edge.storage.journal import Journal, Statement
-from headway.edge.storage.journal_query import History
-from headway.edge.storage.journal_writer import Scribe
+from headway.edge.storage.journal import EventUpdate, Journal
+from headway.edge.storage.journal_query import HistoryQueryable
+from headway.edge.storage.journal_writer import JournalWriter
 from headway.edge.storage.snapshots import Snapshots
 from headway.edge.transport.ports import Query
 
 JOURNAL_FILE: Final = "journal.sqlite"
-"""Its name in the folder; instances on one machine may share it."""
+"""File in the folder; instances on one machine may share it."""
 _CLOSE_S: Final = 5.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class KeeperConfig:
-    """Where, how long, how much, how often."""
+class PersistenceConfig:
+    """Where to store, for how long, how much, how often."""
 
     folder: Path
     journal_days: float
@@ -29,45 +29,52 @@ class KeeperConfig:
     snapshot_interval_s: float
 
 
-class Keeper:
-    """Nothing here blocks the loop or raises, however the disk fares.
+class Persistence:
+    """Journal and snapshots. No method blocks the loop or raises, whatever the disk does.
 
     Parameters
     ----------
-    tell
-        Tells one statement, once it is written down; any thread may call it.
+    publish
+        Publishes one event update after its commit; any thread may call it.
     """
 
     def __init__(
-        self, config: KeeperConfig, identity: Identity, engine: Engine, clock: Clock, tell: Callable[[Statement], None]
+        self,
+        config: PersistenceConfig,
+        identity: Identity,
+        engine: Engine,
+        clock: Clock,
+        publish: Callable[[EventUpdate], None],
     ) -> None:
         journal = config.folder / JOURNAL_FILE
         snapshot = config.folder / f"{identity.site}-{identity.instance}.snapshot"
-        self.scribe = Scribe(Journal(journal, days=config.journal_days, megabytes=config.journal_mb), tell, clock)
+        self.journal_writer = JournalWriter(
+            Journal(journal, days=config.journal_days, megabytes=config.journal_mb), publish, clock
+        )
         self.snapshots = Snapshots(snapshot, config.snapshot_interval_s, engine, identity, clock)
-        self._history = History(journal, identity.site)
+        self._history = HistoryQueryable(journal, identity.site)
 
     @property
     def troubles(self) -> tuple[str, ...]:
-        """What does not work, a line each."""
-        of = {"journal": self.scribe.trouble, "snapshot": self.snapshots.trouble}
+        """Problems, a line each."""
+        of = {"journal": self.journal_writer.trouble, "snapshot": self.snapshots.trouble}
         return tuple(f"{name}: {trouble}" for name, trouble in of.items() if trouble is not None)
 
-    def put(self, statements: Sequence[Statement]) -> None:
-        """Have these written down and told soon."""
-        self.scribe.put(statements)
+    def put(self, updates: Sequence[EventUpdate]) -> None:
+        """Queue updates to be written and then published."""
+        self.journal_writer.put(updates)
 
     def ask(self, query: Query) -> None:
-        """Have a question for the history of events answered soon."""
+        """Queue a query for the history of events."""
         self._history.ask(query)
 
-    def turn(self, now_ns: int) -> None:
-        """Do what is due, a little of it."""
-        self.scribe.turn(now_ns)
-        self.snapshots.turn(now_ns)
+    def tick(self, now_ns: int) -> None:
+        """Do a part of the work that is due."""
+        self.journal_writer.tick(now_ns)
+        self.snapshots.tick(now_ns)
 
     def close(self) -> None:
-        """Write what waits, tell it, and take a last snapshot."""
-        self.scribe.close(_CLOSE_S)
+        """Write and publish what waits, then take a last snapshot."""
+        self.journal_writer.close(_CLOSE_S)
         self._history.close()
         self.snapshots.close()

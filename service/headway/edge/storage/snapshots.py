@@ -1,8 +1,8 @@
-"""What the detector knows, on disk: a service that is started again goes on with the vehicles it knew.
+"""The state of the detector on disk, so that a restarted service continues with the vehicles that it knew.
 
-The state is copied a slice at a time, so that no turn takes long, and each slice is written by a thread of its own
-before the next is copied, so that there is never a second copy of it all. The file holds lines of JSON and the tables
-as they are in memory: only the same core in the same configuration reads it.
+The state is copied a slice at a time, so that no loop iteration takes long. A thread writes each slice before the next
+one is copied, so that no second copy of the whole state exists. The file holds lines of JSON and the tables as they are
+in memory: only the same core in the same configuration reads it.
 """
 
 import json
@@ -22,7 +22,7 @@ from headway.core.engine import Engine
 from headway.core.types.snapshot import OpenEvent, OpenMiss, Snapshot, concatenate
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
-from headway.edge.worker import Outbox
+from headway.edge.worker import Worker
 
 _SLICES: Final = 64
 _CLOSE_S: Final = 5.0
@@ -39,9 +39,9 @@ class Snapshots:
     Parameters
     ----------
     path
-        The file, which is replaced as a whole.
+        The file; each snapshot replaces it as a whole.
     interval_s
-        From one to the next.
+        Time between two snapshots.
     """
 
     def __init__(self, path: Path, interval_s: float, engine: Engine, identity: Identity, clock: Clock) -> None:
@@ -53,46 +53,46 @@ class Snapshots:
         self._due_ns = clock.monotonic_ns() + self._interval_ns
         self._slice = 0
         self._file: _Writing | None = None
-        self._outbox = Outbox("headway-snapshot", _SLICES, OSError)
+        self._worker = Worker("headway-snapshot", _SLICES, OSError)
         self.written = 0
         self.failed = 0
         self.trouble: str | None = None
         """Why the newest snapshot could not be written."""
 
-    def turn(self, now_ns: int) -> None:
-        """Copy the next slice when a snapshot is due and the slice before is written."""
-        if now_ns < self._due_ns or self._outbox.waiting:
+    def tick(self, now_ns: int) -> None:
+        """Copy the next slice if a snapshot is due and the slice before is written."""
+        if now_ns < self._due_ns or self._worker.waiting:
             return
         place, self._slice = self._slice, (self._slice + 1) % _SLICES
         part = self._engine.snapshot(_SLICES, place)
         if self._slice == 0:
             self._due_ns = now_ns + self._interval_ns
-        self._outbox.put(lambda: self._write(place, part))
+        self._worker.put(lambda: self._write(place, part))
 
     def load(self) -> int:
-        """Let the engine go on with what the file says, if it fits; return how many vehicles it knows then."""
+        """Restore the engine from the file if it fits; return the number of vehicles restored."""
         try:
             snapshot = _read(self._path, self._maker(), self._engine.snapshot().tables)
         except FileNotFoundError:
             return 0
         except (OSError, ValueError) as error:
-            _log.warning("snapshot not used; every vehicle begins anew", file=str(self._path), reason=str(error))
+            _log.warning("snapshot not used; all vehicles warm up again", file=str(self._path), reason=str(error))
             return 0
         vehicles = self._engine.restore(snapshot, self._clock.wall_us())
         _log.info("snapshot loaded", vehicles=vehicles, of=len(snapshot.ids))
         return vehicles
 
     def close(self) -> None:
-        """Write what is known now; the engine must stand still meanwhile."""
-        self._outbox.put(self._write_all)
-        self._outbox.close(_CLOSE_S)
+        """Write a last snapshot; the engine must not step meanwhile."""
+        self._worker.put(self._write_all)
+        self._worker.close(_CLOSE_S)
 
     def _write_all(self) -> None:
         for place in range(_SLICES):
             self._write(place, self._engine.snapshot(_SLICES, place))
 
     def _write(self, place: int, part: Snapshot) -> None:
-        """Write a slice; the first one begins a file, and what fails is over until then."""
+        """Write a slice. The first one starts a file; after a failure nothing is written until the next first one."""
         try:
             if place == 0:
                 self._file = _writing(self._path, self._maker())
@@ -110,7 +110,7 @@ class Snapshots:
             self.trouble = error.strerror or str(error)
 
     def _maker(self) -> dict[str, float | str]:
-        """Return what must be the same for a snapshot to fit."""
+        """Return what must be equal for a snapshot to fit."""
         identity = self._identity
         return {"format": _FORMAT, "site": identity.site, "byteorder": sys.byteorder, **identity.parameters}
 
@@ -119,9 +119,9 @@ _Writing = Generator[None, Snapshot, None]
 
 
 def _writing(path: Path, maker: dict[str, float | str]) -> _Writing:
-    """Take slices, as many as there are, and replace the file after the last: there is a whole one at any time.
+    """Receive all slices and replace the file after the last one: a whole file exists at any time.
 
-    Without copies: the loop is held up by as much as this thread does in one piece.
+    The chunks are not copied, because the interpreter lock holds up the loop during a copy.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     fresh = path.with_name(path.name + ".new")

@@ -1,4 +1,4 @@
-"""What became of everything that came in: the one source of the metrics and of the health topic."""
+"""Counts of records by outcome: the source of the metrics and of the health report."""
 
 import math
 from collections.abc import Mapping
@@ -20,31 +20,31 @@ KINDS = tuple(kind for kind in Kind if kind is not Kind.NONE)
 
 
 class Ledger:
-    """Counts since the start; every record that came in is under exactly one `Outcome`."""
+    """Counts since the start; each received record is under exactly one `Outcome`."""
 
     def __init__(self) -> None:
         self._outcomes = np.zeros(_SIZE, dtype=np.int64)
         self.messages = 0
         """Payloads taken from the queue."""
-        self.turns = 0
+        self.iterations = 0
         self.events: dict[tuple[Kind, Phase], int] = dict.fromkeys(product(KINDS, Phase), 0)
-        """Statements by kind and phase."""
+        """Event updates by kind and phase."""
         self.nis_below = 0
-        """Scored readings whose nis lies below the 95 % band; well above 2.5 % of them, the filter is too cautious."""
+        """Scored readings with a NIS below the 95 % band. Far above 2.5 %: the filter expects too much noise."""
         self.nis_inside = 0
         self.nis_above = 0
-        """Well above 2.5 % of clean readings, the filter is too sure of itself."""
+        """Far above 2.5 % of clean readings: the filter expects too little noise."""
         self.anomalous = 0
-        self.missed_messages = 0
+        self.sequence_gap_messages = 0
         self.repairs = 0
         self.restarts = 0
-        self.forgotten = 0
+        self.evicted = 0
         self.leader_changes = 0
         self.copies_withheld = 0
-        """Copies of rejected messages not told, to keep their rate."""
+        """Copies of rejected messages not published, to keep `rejected_rate_hz`."""
 
     def __getitem__(self, outcome: Outcome) -> int:
-        """Return how many records ended so."""
+        """Return the number of records with this outcome."""
         return int(self._outcomes[outcome])
 
     @property
@@ -54,45 +54,47 @@ class Ledger:
 
     @property
     def scored(self) -> int:
-        """Records judged."""
+        """Records scored."""
         return self[Outcome.SCORED]
 
     @property
     def warming(self) -> int:
-        """Records of vehicles not known for long enough."""
+        """Records of vehicles with fewer than `warming_readings` readings."""
         return self[Outcome.WARMING]
 
     @property
     def rejected(self) -> dict[str, int]:
-        """Records by reason, for the reasons that occurred; those never looked at are not rejected but lost."""
+        """Rejected records by reason, for the reasons that occurred; shed records are lost, not rejected."""
         return {o.label: self[o] for o in Outcome if o.is_rejection and o not in LOSSES and self[o]}
 
     @property
     def lost(self) -> dict[str, int]:
-        """Records that came in and were never looked at."""
+        """Records received but never decoded, by reason."""
         return {reason.label: self[reason] for reason in LOSSES}
 
-    def book(self, messages: int, rejections: list[Rejection], turn: StepResult, shed: Mapping[Outcome, int]) -> None:
-        """Enter one turn; `shed` are the bus's counts of records since the start."""
-        self.turns += 1
+    def record(
+        self, messages: int, rejections: list[Rejection], result: StepResult, shed: Mapping[Outcome, int]
+    ) -> None:
+        """Count one iteration; `shed` are the counts of the bus since the start."""
+        self.iterations += 1
         self.messages += messages
         for reason, records in shed.items():
             self._outcomes[reason] = records
         for rejection in rejections:
-            self._outcomes[rejection.fault.reason] += rejection.count
-        if turn.outcomes.size:
-            self._outcomes += np.bincount(turn.outcomes, minlength=_SIZE)
-            self._book_nis(turn.nis)
-        for event in turn.events:
+            self._outcomes[rejection.reason.outcome] += rejection.count
+        if result.outcomes.size:
+            self._outcomes += np.bincount(result.outcomes, minlength=_SIZE)
+            self._record_nis(result.nis)
+        for event in result.events:
             self.events[event.kind, event.phase] += 1
-        self.anomalous += turn.anomalous
-        self.missed_messages += turn.sequence_gaps
-        self.repairs += turn.repairs
-        self.restarts += turn.restarts
-        self.forgotten += turn.evicted
-        self.leader_changes += turn.leader_changes
+        self.anomalous += result.anomalous
+        self.sequence_gap_messages += result.sequence_gaps
+        self.repairs += result.repairs
+        self.restarts += result.restarts
+        self.evicted += result.evicted
+        self.leader_changes += result.leader_changes
 
-    def _book_nis(self, nis: NDArray[np.float64]) -> None:
+    def _record_nis(self, nis: NDArray[np.float64]) -> None:
         below = int(np.count_nonzero(nis < NIS_BAND[0]))
         above = int(np.count_nonzero(nis > NIS_BAND[1]))
         self.nis_below += below

@@ -1,4 +1,4 @@
-"""Who this instance is, whether it lives, and whether it works."""
+"""Liveness and readiness of this instance, as Kubernetes defines them."""
 
 from dataclasses import dataclass, field
 
@@ -8,13 +8,13 @@ ALIVE_WITHIN_S = 2.0
 
 
 @dataclass(slots=True)
-class Vitals:
+class HealthState:
     """Written by the loop, read by the probes."""
 
     clock: Clock
     started_ns: int = field(init=False)
-    last_turn_ns: int | None = None
-    """None until the loop turns: starting is neither dead nor ready."""
+    last_iteration_ns: int | None = None
+    """None until the first iteration: a starting service is alive but not ready."""
     warm: bool = False
     """Kernels are compiled."""
     connected: bool = False
@@ -25,29 +25,29 @@ class Vitals:
 
     @property
     def uptime_s(self) -> float:
-        """Since the start."""
+        """Seconds since the start."""
         return (self.clock.monotonic_ns() - self.started_ns) / 1e9
 
     @property
-    def ailment(self) -> str | None:
-        """What would have this process restarted; None: it lives."""
-        if self.last_turn_ns is None:
+    def liveness_problem(self) -> str | None:
+        """Why this process needs a restart; None: it is alive."""
+        if self.last_iteration_ns is None:
             return None
-        still_s = (self.clock.monotonic_ns() - self.last_turn_ns) / 1e9
-        return None if still_s <= ALIVE_WITHIN_S else f"the loop has not turned for {still_s:.1f} s"
+        still_s = (self.clock.monotonic_ns() - self.last_iteration_ns) / 1e9
+        return None if still_s <= ALIVE_WITHIN_S else f"no loop iteration for {still_s:.1f} s"
 
     @property
-    def hindrance(self) -> str | None:
-        """What keeps messages from being judged; None: ready."""
+    def readiness_problem(self) -> str | None:
+        """Why messages are not processed; None: ready."""
         if not self.warm:
             return "kernels are being compiled"
         if not self.connected:
             return "not connected to the bus"
         if not self.subscribed:
             return "not subscribed"
-        return self.ailment
+        return self.liveness_problem
 
     @property
     def ready(self) -> bool:
-        """Whether messages are taken in and judged."""
-        return self.hindrance is None
+        """Whether messages are received and processed."""
+        return self.readiness_problem is None

@@ -1,4 +1,4 @@
-"""/metrics for Prometheus, /livez and /readyz for whoever restarts and routes."""
+"""/metrics for Prometheus, /livez and /readyz for an orchestrator."""
 
 import threading
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Self
 
 Probe = Callable[[], str | None]
-"""Returns what is wrong; None: nothing."""
+"""Returns the problem; None: there is none."""
 
 
 class HttpServer:
@@ -17,18 +17,25 @@ class HttpServer:
     host, port
         Where to listen; port 0 takes a free one.
     metrics, content_type
-        Body of /metrics, made on each request.
-    ailment, hindrance
-        Behind /livez and /readyz: 200 when there is none, else 503 with its words.
+        Body of /metrics, built for each request, and its type.
+    liveness_problem, readiness_problem
+        Behind /livez and /readyz: 200 without a problem, else 503 with its text.
 
     Raises
     ------
     OSError
-        The address cannot be had.
+        The address is not available.
     """
 
     def __init__(
-        self, host: str, port: int, *, metrics: Callable[[], bytes], content_type: str, ailment: Probe, hindrance: Probe
+        self,
+        host: str,
+        port: int,
+        *,
+        metrics: Callable[[], bytes],
+        content_type: str,
+        liveness_problem: Probe,
+        readiness_problem: Probe,
     ) -> None:
         def probe(check: Probe) -> tuple[int, str, bytes]:
             wrong = check()
@@ -36,13 +43,13 @@ class HttpServer:
 
         pages: dict[str, Callable[[], tuple[int, str, bytes]]] = {
             "/metrics": lambda: (200, content_type, metrics()),
-            "/livez": lambda: probe(ailment),
-            "/readyz": lambda: probe(hindrance),
+            "/livez": lambda: probe(liveness_problem),
+            "/readyz": lambda: probe(readiness_problem),
         }
 
         class Handler(BaseHTTPRequestHandler):
             timeout = 5.0
-            """A client that says nothing holds a thread no longer than this."""
+            """A silent client holds a thread for at most this time."""
 
             def do_GET(self) -> None:
                 page = pages.get(self.path.partition("?")[0])
@@ -54,7 +61,7 @@ class HttpServer:
                 self.wfile.write(body)
 
             def log_message(self, *_: object) -> None:
-                """Say nothing: a probe a second is no news."""
+                """Log nothing: probes arrive each second."""
 
         self._server = ThreadingHTTPServer((host, port), Handler)
         self._server.daemon_threads = True
@@ -62,16 +69,16 @@ class HttpServer:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
+        """Port that it listens on."""
         return int(self._server.server_address[1])
 
     def __enter__(self) -> Self:
-        """Begin to answer."""
+        """Start to answer."""
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stop answering and give the address back."""
+        """Stop and release the address."""
         self._server.shutdown()
         self._thread.join()
         self._server.server_close()

@@ -1,4 +1,4 @@
-"""How long messages take, stage by stage, as histograms that cost next to nothing to fill."""
+"""Latency of records by stage, in histograms that are cheap to fill."""
 
 import math
 from bisect import bisect_left
@@ -16,7 +16,7 @@ EDGES_US: Final = 10.0 * 10.0 ** (np.arange(7 * _PER_DECADE + 1) / _PER_DECADE)
 """Upper edges of the buckets, 10 us to 100 s, each a tenth wider than the one before."""
 _EDGES: Final = EDGES_US.tolist()
 _MIDDLES: Final = [*(EDGES_US * 10.0 ** (-0.5 / _PER_DECADE)).tolist(), math.inf]
-"""The value that stands for a bucket: within 5 % of any in it."""
+"""Value that represents a bucket: within 5 % of each value in it."""
 _QUANTILES: Final = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
 _FLUSH_AT: Final = 8192
 
@@ -26,19 +26,19 @@ class Stage(StrEnum):
     """Stages on the way of a record through the service."""
 
     QUEUE = "queue"
-    """From the receipt until it is taken out of the queue."""
+    """From the receipt until the loop drains the queue."""
     DECODE = "decode"
     DETECT = "detect"
     TOTAL = "total"
-    """From the receipt to the outcome: the three before."""
+    """From the receipt to the outcome: the sum of the three before."""
     INTENDED = "intended"
-    """From the event time, which a load generator means to send at, to the outcome; as good as the sender's clock."""
+    """From the event time, when a load generator means to send, to the outcome; as exact as the clock of the sender."""
     PUBLISH = "publish"
-    """Making messages of what a turn found and handing them over."""
+    """Building the messages of one iteration and queueing them for publication."""
 
 
 class Histogram:
-    """Counts by bucket, the last for all that is beyond the edges."""
+    """Counts by bucket; the last one is for values above the edges."""
 
     def __init__(self) -> None:
         self.counts: I64 = np.zeros(EDGES_US.size + 1, dtype=np.int64)
@@ -67,7 +67,7 @@ class Latencies:
         self._reported = self.stages[Stage.TOTAL].counts.copy()
         self._max_us = 0.0
 
-    def book(
+    def record(
         self,
         waits_us: NDArray[np.float64],
         ages_us: NDArray[np.float64],
@@ -75,7 +75,7 @@ class Latencies:
         detect_us: float,
         publish_us: float,
     ) -> None:
-        """Enter one turn: (B,) time in the queue and age at the outcome of each record, and what each stage took."""
+        """Count one iteration: (B,) queue time and age at the outcome of each record, and the time of each stage."""
         size = waits_us.size
         if not size:
             return
@@ -103,7 +103,7 @@ class Latencies:
             self._held = 0
 
     def percentiles_ms(self) -> Mapping[str, float]:
-        """Return p50, p99, p999 and max of the total since the last call, to 5 %; empty when nothing came."""
+        """Return p50, p99, p999 and max of the total since the last call, to 5 %; empty without records."""
         self.flush()
         total = self.stages[Stage.TOTAL].counts
         recent = total - self._reported
@@ -116,7 +116,7 @@ class Latencies:
         return {name: min(_MIDDLES[i], largest_us) / 1e3 for name, i in at.items()} | {"max": largest_us / 1e3}
 
     def cumulative_us(self) -> dict[str, tuple[tuple[float, int], ...]]:
-        """Return (upper edge, count) of the buckets in use by stage; beyond the last edge counts at twice it."""
+        """Return (upper edge, count) of the used buckets by stage; values above the last edge count at twice it."""
         self.flush()
         edges = [*_EDGES, 2 * _EDGES[-1]]
         return {

@@ -1,4 +1,4 @@
-"""Structured logs on standard error: one JSON object a line, or lines for people."""
+"""Structured logs on standard error: one JSON object a line, or text."""
 
 import logging
 import sys
@@ -7,12 +7,12 @@ import structlog
 
 
 def configure(level: str, form: str) -> None:
-    """Send our records and those of every library through one format.
+    """Format the records of the service and of all libraries alike.
 
     Parameters
     ----------
     level
-        `debug`, `info`, `warning` or `error`: the least severity told.
+        `debug`, `info`, `warning` or `error`: least severity that is logged.
     form
         `json` or `console`.
     """

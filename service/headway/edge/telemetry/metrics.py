@@ -1,6 +1,6 @@
 """Every metric of the service, in one closed table. Nothing else imports prometheus_client.
 
-Metrics are read when somebody asks for them, from what the loop counts anyway; a message costs them nothing.
+A scrape reads the counters of the loop; a message costs no extra work.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -14,35 +14,15 @@ from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Histo
 from prometheus_client.metrics_core import Metric as Family
 from prometheus_client.registry import Collector
 
-from headway.core.engine import Engine
 from headway.core.types.outcome import Outcome
-from headway.edge.identity import Identity
+from headway.edge.context import ServiceContext
 from headway.edge.storage.journal import Reason
-from headway.edge.storage.persistence import Keeper
-from headway.edge.telemetry.accounting import Ledger
-from headway.edge.telemetry.health import Vitals
-from headway.edge.telemetry.latency import EDGES_US, Histogram, Latencies
-from headway.edge.transport.ports import Bus
+from headway.edge.storage.persistence import Persistence
+from headway.edge.telemetry.latency import EDGES_US, Histogram
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 _BUCKET_STRIDE: Final = 6
-"""Four buckets a decade are told, of the 24 kept."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Sources:
-    """Where the values are."""
-
-    identity: Identity
-    vitals: Vitals
-    ledger: Ledger
-    latencies: Latencies
-    bus: Bus
-    engine: Engine
-    vehicle_capacity: int
-    queue_limit: int
-    alarm_budget_per_hour: float
-    keeper: Keeper | None = None
+"""Of the 24 buckets a decade that are counted, four are exported."""
 
 
 @unique
@@ -66,46 +46,49 @@ class Metric:
     type: Type
     help: str
     labels: tuple[str, ...]
-    read: Callable[[Sources], Samples]
+    read: Callable[[ServiceContext], Samples]
 
 
-def _one(read: Callable[[Sources], float]) -> Callable[[Sources], Samples]:
-    return lambda sources: [((), read(sources))]
+def _one(read: Callable[[ServiceContext], float]) -> Callable[[ServiceContext], Samples]:
+    return lambda context: [((), read(context))]
 
 
-def _records(sources: Sources) -> Samples:
-    return [((outcome.label,), sources.ledger[outcome]) for outcome in Outcome]
+def _records(context: ServiceContext) -> Samples:
+    return [((outcome.label,), context.ledger[outcome]) for outcome in Outcome]
 
 
-def _events(sources: Sources) -> Samples:
-    return [((kind.label, str(phase)), n) for (kind, phase), n in list(sources.ledger.events.items())]
+def _events(context: ServiceContext) -> Samples:
+    return [((kind.label, str(phase)), n) for (kind, phase), n in list(context.ledger.events.items())]
 
 
-def _nis(sources: Sources) -> Samples:
-    ledger = sources.ledger
+def _nis(context: ServiceContext) -> Samples:
+    ledger = context.ledger
     return [(("below",), ledger.nis_below), (("inside",), ledger.nis_inside), (("above",), ledger.nis_above)]
 
 
-def _dropped(sources: Sources) -> Samples:
-    reasons = {**sources.bus.dropped, "rejected_copy_rate": sources.ledger.copies_withheld}
+def _dropped(context: ServiceContext) -> Samples:
+    reasons = {**context.bus.dropped, "rejected_copy_rate": context.ledger.copies_withheld}
     return [((reason,), n) for reason, n in reasons.items()]
 
 
-def _stages(sources: Sources) -> Samples:
-    return [((str(stage),), histogram) for stage, histogram in sources.latencies.stages.items()]
+def _stages(context: ServiceContext) -> Samples:
+    return [((str(stage),), histogram) for stage, histogram in context.latencies.stages.items()]
 
 
-def _kept(read: Callable[[Keeper], float]) -> Callable[[Sources], Samples]:
-    """Read something of the keeper; 0 where nothing is kept."""
-    return lambda sources: [((), 0 if sources.keeper is None else read(sources.keeper))]
+def _persisted(read: Callable[[Persistence], float]) -> Callable[[ServiceContext], Samples]:
+    """Read a figure of the persistence; 0 where there is none."""
+    return lambda context: [((), 0 if context.persistence is None else read(context.persistence))]
 
 
-def _journal_failures(sources: Sources) -> Samples:
-    return [((str(reason),), sources.keeper.scribe.failed[reason] if sources.keeper else 0) for reason in Reason]
+def _journal_failures(context: ServiceContext) -> Samples:
+    return [
+        ((str(reason),), context.persistence.journal_writer.failed[reason] if context.persistence else 0)
+        for reason in Reason
+    ]
 
 
-def _build(sources: Sources) -> Samples:
-    identity = sources.identity
+def _build(context: ServiceContext) -> Samples:
+    identity = context.identity
     return [((identity.version, identity.model, identity.config_hash, identity.site, identity.instance), 1)]
 
 
@@ -114,9 +97,9 @@ TABLE: Final = (
     Metric("headway_build_info", _G, "Always 1; the labels identify the instance.", ("version", "model", "config_hash",
            "site", "instance"),
            _build),
-    Metric("headway_ready", _G, "1 when the service receives and scores messages.", (), _one(lambda s: s.vitals.ready)),
+    Metric("headway_ready", _G, "1 when the service receives and scores messages.", (), _one(lambda s: s.health.ready)),
     Metric("headway_connected", _G, "1 when senders can reach the service.", (), _one(lambda s: s.bus.connected)),
-    Metric("headway_peers", _G, "zenoh peers, routers and clients connected.", (), _one(lambda s: s.bus.transports)),
+    Metric("headway_peers", _G, "zenoh peers, routers and clients connected.", (), _one(lambda s: s.bus.peers)),
     Metric("headway_messages_total", _C, "Payloads received; a bundle counts as one.", (),
            _one(lambda s: s.bus.received)),
     Metric("headway_records_total", _C, "Records by outcome; each is counted once.", ("outcome",),
@@ -125,14 +108,14 @@ TABLE: Final = (
            _one(lambda s: s.bus.shed)),
     Metric("headway_sequence_gap_messages_total", _C, "Messages missing by gaps in the senders' counters (msg_cnt).",
            (),
-           _one(lambda s: s.ledger.missed_messages)),
+           _one(lambda s: s.ledger.sequence_gap_messages)),
     Metric("headway_publish_dropped_total", _C, "Messages to publish that were dropped, by reason.", ("reason",),
            _dropped),
     Metric("headway_queue_depth", _G, "Payloads that wait in the receive queue.", (), _one(lambda s: s.bus.waiting)),
     Metric("headway_queue_limit", _G, "Most payloads that may wait.", (), _one(lambda s: s.queue_limit)),
     Metric("headway_stage_latency_seconds", _H, "Time of each record by stage; total is receipt to outcome.",
            ("stage",), _stages),
-    Metric("headway_loop_iterations_total", _C, "Iterations of the loop.", (), _one(lambda s: s.ledger.turns)),
+    Metric("headway_loop_iterations_total", _C, "Iterations of the loop.", (), _one(lambda s: s.ledger.iterations)),
     Metric("headway_vehicles", _G, "Vehicles known.", (), _one(lambda s: s.engine.vehicles)),
     Metric("headway_vehicle_capacity", _G, "Most vehicles that may be known.", (), _one(lambda s: s.vehicle_capacity)),
     Metric("headway_pairs", _G, "Vehicles with a leader.", (), _one(lambda s: s.engine.pairs)),
@@ -152,33 +135,34 @@ TABLE: Final = (
     Metric("headway_leader_changes_total", _C, "Followers whose leader changed.", (),
            _one(lambda s: s.ledger.leader_changes)),
     Metric("headway_evicted_vehicles_total", _C, "Vehicles evicted after vehicle_ttl_s of silence.", (),
-           _one(lambda s: s.ledger.forgotten)),
+           _one(lambda s: s.ledger.evicted)),
     Metric("headway_journal_event_updates_total", _C, "Event updates written to the journal.", (),
-           _kept(lambda k: k.scribe.written)),
+           _persisted(lambda k: k.journal_writer.written)),
     Metric("headway_journal_failures_total", _C, "Event updates published but not written to the journal, by reason.",
            ("reason",),
            _journal_failures),
     Metric("headway_journal_published_before_commit_total", _C,
            "Event updates published before their commit because the disk was slow.", (),
-           _kept(lambda k: k.scribe.hurried)),
+           _persisted(lambda k: k.journal_writer.published_before_commit)),
     Metric("headway_journal_pruned_total", _C, "Event updates deleted from the journal: too old or too many.", (),
-           _kept(lambda k: k.scribe.pruned)),
+           _persisted(lambda k: k.journal_writer.pruned)),
     Metric("headway_journal_waiting", _G, "Event updates that wait to be written.", (),
-           _kept(lambda k: k.scribe.waiting)),
-    Metric("headway_journal_bytes", _G, "Bytes that the journal uses.", (), _kept(lambda k: k.scribe.used_bytes)),
+           _persisted(lambda k: k.journal_writer.waiting)),
+    Metric("headway_journal_bytes", _G, "Bytes that the journal uses.",
+           (), _persisted(lambda k: k.journal_writer.used_bytes)),
     Metric("headway_snapshots_total", _C, "Snapshots of the detector written.", (),
-           _kept(lambda k: k.snapshots.written)),
+           _persisted(lambda k: k.snapshots.written)),
     Metric("headway_snapshot_failures_total", _C, "Snapshots that failed to be written.", (),
-           _kept(lambda k: k.snapshots.failed)),
+           _persisted(lambda k: k.snapshots.failed)),
 )  # fmt: skip
 """Beside these, `process_*` of the Prometheus client: CPU, memory, file descriptors."""
 
 
 class Metrics(Collector):
-    """The table with values."""
+    """The table with its values, as a collector of the Prometheus client."""
 
-    def __init__(self, sources: Sources) -> None:
-        self._sources = sources
+    def __init__(self, context: ServiceContext) -> None:
+        self._context = context
         self._registry = CollectorRegistry()
         self._registry.register(self)
         ProcessCollector(registry=self._registry)
@@ -186,10 +170,10 @@ class Metrics(Collector):
     def collect(self) -> Iterator[Family]:
         """Yield each metric of the table."""
         for metric in TABLE:
-            yield _family(metric, metric.read(self._sources))
+            yield _family(metric, metric.read(self._context))
 
     def text(self) -> bytes:
-        """Return all in Prometheus' text format, of type `CONTENT_TYPE`."""
+        """Return all metrics in Prometheus' text format, of type `CONTENT_TYPE`."""
         return generate_latest(self._registry)
 
 
@@ -208,5 +192,5 @@ def _family(metric: Metric, samples: Samples) -> Family:
 
 def _buckets(histogram: Histogram) -> list[tuple[str, float]]:
     cumulated = np.cumsum(histogram.counts)
-    told = range(0, EDGES_US.size, _BUCKET_STRIDE)
-    return [(f"{EDGES_US[i] / 1e6:.3g}", float(cumulated[i])) for i in told] + [("+Inf", float(cumulated[-1]))]
+    exported = range(0, EDGES_US.size, _BUCKET_STRIDE)
+    return [(f"{EDGES_US[i] / 1e6:.3g}", float(cumulated[i])) for i in exported] + [("+Inf", float(cumulated[-1]))]

@@ -1,11 +1,11 @@
-"""What the operating system says of this process."""
+"""Figures of the operating system about this process."""
 
 import os
 from pathlib import Path
 
 
 def rss_mb() -> float | None:
-    """Return the memory that this process holds; None where the system does not tell."""
+    """Return the resident memory of this process, None where the system has no /proc."""
     try:
         pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1])
     except OSError:

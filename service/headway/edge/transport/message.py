@@ -1,4 +1,4 @@
-"""What comes from the bus, and what is said of it when it cannot be judged."""
+"""A received message, and why one is rejected."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 from headway.core.types.outcome import Outcome
 
 
-class Arrival(NamedTuple):
+class ReceivedMessage(NamedTuple):
     """One message as the bus delivered it, stamped on receipt."""
 
     key: str
@@ -19,20 +19,20 @@ class Arrival(NamedTuple):
     """Monotonic clock, for durations."""
 
 
-class Fault(NamedTuple):
-    """Why a record cannot be judged; `detail` holds nothing that the sender wrote."""
+class RejectReason(NamedTuple):
+    """Why a record is rejected; `detail` holds no text of the sender."""
 
-    reason: Outcome
+    outcome: Outcome
     detail: str
 
 
 @dataclass(frozen=True, slots=True)
 class Rejection:
-    """A record, or a whole payload, that is not judged."""
+    """A record, or a whole payload, that is rejected."""
 
-    fault: Fault
-    arrival: Arrival
+    reason: RejectReason
+    message: ReceivedMessage
     index: int | None = None
-    """Which record of the payload, from 0; None: the payload as a whole."""
+    """Index of the record in the payload, from 0; None: the payload as a whole."""
     count: int = 1
-    """How many records it stands for: one for a payload whose records nobody can count."""
+    """Records that it stands for: one where the records of a payload cannot be counted."""

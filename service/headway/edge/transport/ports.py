@@ -1,17 +1,17 @@
-"""What the loop needs of a bus, and what may be said on it; `bus.ZenohBus` is one, tests have another in memory."""
+"""The interface of the bus and its channels. `zenoh_bus.ZenohBus` implements it; tests have one in memory."""
 
 from collections.abc import Mapping
 from enum import Enum, unique
 from typing import Protocol
 
 from headway.core.types.outcome import Outcome
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway_schemas.encodings import EVENT_JSON, HEALTH_JSON, PAIR_STATE_JSON, REJECTED_JSON
 
 
 @unique
 class Channel(Enum):
-    """What the service tells; the value is the encoding."""
+    """What the service publishes; the value is the encoding."""
 
     ALERT = EVENT_JSON
     STATE = PAIR_STATE_JSON
@@ -20,58 +20,58 @@ class Channel(Enum):
 
 
 class Query(Protocol):
-    """A question that waits for its answer."""
+    """A query that waits for its answer."""
 
     @property
     def key(self) -> str:
-        """Key of the queryable that is asked."""
+        """Key of the queryable."""
         ...
 
     @property
     def parameters(self) -> Mapping[str, str]:
-        """What narrows the question."""
+        """Parameters of the selector."""
         ...
 
     def answer(self, payload: bytes, encoding: str) -> None:
-        """Answer, once; the query is over. Any thread may."""
+        """Answer once and end the query. Any thread may call this."""
         ...
 
     def refuse(self, reason: str) -> None:
-        """Say in a line why there is no answer; the query is over. Any thread may."""
+        """Reply with an error of one line and end the query. Any thread may call this."""
         ...
 
 
 class Bus(Protocol):
-    """Nothing here blocks or raises, however the network fares."""
+    """No method blocks or raises, whatever the network does."""
 
     @property
     def received(self) -> int:
-        """Messages taken in so far; each is waiting, drained or shed."""
+        """Messages received so far; each waits, was drained or was shed."""
         ...
 
     @property
     def waiting(self) -> int:
-        """Messages taken in and neither drained nor shed."""
+        """Messages received that are neither drained nor shed."""
         ...
 
     @property
     def shed(self) -> int:
-        """Messages shed so far because too many waited, or for too long."""
+        """Messages shed so far because too many waited, or too long."""
         ...
 
     @property
     def shed_records(self) -> Mapping[Outcome, int]:
-        """Records in them, by reason."""
+        """Records in the shed messages, by reason."""
         ...
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """What was to be told and was not, by reason."""
+        """Messages to publish that were dropped, by reason."""
         ...
 
     @property
-    def transports(self) -> int:
-        """Neighbours connected."""
+    def peers(self) -> int:
+        """Peers, routers and clients connected."""
         ...
 
     @property
@@ -81,30 +81,30 @@ class Bus(Protocol):
 
     @property
     def subscribed(self) -> bool:
-        """Whether messages are being taken in."""
+        """Whether the service receives messages."""
         ...
 
     def wanted(self, channel: Channel) -> bool:
-        """Whether anybody listens to the channel; what nobody wants need not be made."""
+        """Whether the channel has a subscriber; without one the message need not be built."""
         ...
 
-    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
-        """Take in what has come, and take out the oldest: at most `limit`, about `bytes_limit` bytes, none stale."""
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[ReceivedMessage]:
+        """Receive, then return the oldest messages: at most `limit`, about `bytes_limit` bytes, none stale."""
         ...
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
-        """Hand a message over to be told soon."""
+        """Queue a message for publication."""
         ...
 
     def next_query(self) -> Query | None:
-        """Take the oldest question out."""
+        """Return the oldest query, None if there is none."""
         ...
 
     def unsubscribe(self) -> None:
-        """Take nothing more in; what is under way is still delivered."""
+        """Receive nothing more; messages already received by zenoh are still delivered."""
         ...
 
     @property
     def delivered(self) -> bool:
-        """Whether, after `unsubscribe`, nothing is under way."""
+        """Whether, after `unsubscribe`, every message was delivered."""
         ...

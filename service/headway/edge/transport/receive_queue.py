@@ -1,4 +1,4 @@
-"""Messages between the bus and the loop, which takes them in as they come and judges them when it is ready."""
+"""Messages between the bus and the loop."""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
@@ -6,35 +6,35 @@ from operator import itemgetter
 from typing import Final
 
 from headway.core.types.outcome import Outcome
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 
-_PAYLOAD: Final = itemgetter(Arrival._fields.index("payload"))
+_PAYLOAD: Final = itemgetter(ReceivedMessage._fields.index("payload"))
 
 
-class Inbox:
-    """A bounded queue; what is too much is shed, the stalest first.
+class ReceiveQueue:
+    """A bounded queue that sheds the oldest messages.
 
-    Whoever puts sheds when the queue is full (`SHED`), whoever drains what waited for too long (`STALE`), so that what
-    is judged is fresh however much comes in.
+    `put` sheds when the queue is full (`SHED`). `drain` sheds what waited too long (`STALE`). So the messages that
+    are processed are recent, however many arrive.
 
     Parameters
     ----------
     limit, bytes_limit
-        Messages and bytes of payload that wait at most.
+        Most messages, and most bytes of payload, that wait.
     age_limit_ns
-        How long a message waits at most.
+        Longest wait of a message.
     records_in
-        How many records the messages that are shed would have been.
+        Counts the records in messages that are shed.
     """
 
     def __init__(
-        self, limit: int, bytes_limit: int, age_limit_ns: int, records_in: Callable[[Sequence[Arrival]], int]
+        self, limit: int, bytes_limit: int, age_limit_ns: int, records_in: Callable[[Sequence[ReceivedMessage]], int]
     ) -> None:
         self._limit = limit
         self._bytes_limit = bytes_limit
         self._age_limit_ns = age_limit_ns
         self._records_in = records_in
-        self._queue: deque[Arrival] = deque()
+        self._queue: deque[ReceivedMessage] = deque()
         self._bytes = 0
         self.received = 0
         """Messages delivered so far."""
@@ -51,28 +51,28 @@ class Inbox:
         """Messages waiting."""
         return len(self._queue)
 
-    def put(self, arrivals: Sequence[Arrival]) -> None:
-        """Take messages in, oldest first."""
-        self.received += len(arrivals)
-        self._bytes += _size(arrivals)
+    def put(self, messages: Sequence[ReceivedMessage]) -> None:
+        """Append messages, oldest first."""
+        self.received += len(messages)
+        self._bytes += _size(messages)
         queue = self._queue
-        queue.extend(arrivals)
+        queue.extend(messages)
         if len(queue) > self._limit or self._bytes > self._bytes_limit:
             shed = []
             while len(queue) > self._limit or self._bytes > self._bytes_limit:
                 shed.append(queue.popleft())
                 self._bytes -= len(shed[-1].payload)
-            self._book(shed, Outcome.SHED)
+            self._record_shed(shed, Outcome.SHED)
 
-    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
-        """Take out the oldest messages, up to `limit`, ending with the one that reaches `bytes_limit`."""
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[ReceivedMessage]:
+        """Remove and return the oldest messages, at most `limit`, ending with the one that reaches `bytes_limit`."""
         queue = self._queue
         stale = []
         while queue and now_ns - queue[0].received_ns > self._age_limit_ns:
             stale.append(queue.popleft())
         if stale:
             self._bytes -= _size(stale)
-            self._book(stale, Outcome.STALE)
+            self._record_shed(stale, Outcome.STALE)
         if len(queue) <= limit and self._bytes <= bytes_limit:
             taken = list(queue)
             queue.clear()
@@ -85,11 +85,11 @@ class Inbox:
         self._bytes -= size
         return taken
 
-    def _book(self, shed: Sequence[Arrival], reason: Outcome) -> None:
+    def _record_shed(self, shed: Sequence[ReceivedMessage], reason: Outcome) -> None:
         self.shed += len(shed)
         self._shed_records[reason] += self._records_in(shed)
 
 
-def _size(arrivals: Sequence[Arrival]) -> int:
+def _size(messages: Sequence[ReceivedMessage]) -> int:
     """Return bytes of payload."""
-    return sum(map(len, map(_PAYLOAD, arrivals)))
+    return sum(map(len, map(_PAYLOAD, messages)))

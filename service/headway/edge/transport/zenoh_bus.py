@@ -1,13 +1,13 @@
-"""The service on zenoh. Nothing else imports zenoh.
+"""The bus on zenoh. No other module of the service imports zenoh.
 
-Senders are heard through a channel that the loop empties: a callback would be a thread that fights the loop for the
-interpreter at every message. The subscriber is a plain one: an advanced one, which recovers what was lost, costs
-7.7 us a message from one publisher and 28 from 200, and a message recovered seconds later is too old to be judged. What
-is lost on the way shows as a gap in the sender's counter.
+Messages arrive through a channel that the loop empties. A callback would run in a thread that competes with the loop
+for the interpreter at each message. The subscriber is a plain one. An advanced subscriber recovers lost messages but
+costs 8 to 28 us a message, and a message recovered seconds later is too old to score. Losses on the way show as gaps in
+the counters of the senders.
 
-Alerts are put with BLOCK, at a priority of their own: they wait for a slow network rather than vanish, and a subscriber
-that takes nothing is cut off after a while. An advanced publisher could keep some for those who come late, but needs
-one for each key, and suspects have no end. All else is put with DROP.
+Alerts are put with BLOCK and a priority of their own. They wait for a slow network, and a subscriber that takes nothing
+is disconnected after `block_timeout_s`. An advanced publisher could store alerts for late subscribers, but it needs one
+publisher for each key, and the number of suspects has no bound. All other messages are put with DROP.
 """
 
 import json
@@ -22,28 +22,28 @@ import zenoh
 
 from headway.core.types.outcome import Outcome
 from headway.edge.clock import Clock
-from headway.edge.transport.message import Arrival
+from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel, Query
-from headway.edge.transport.receive_queue import Inbox
-from headway.edge.worker import Outbox
+from headway.edge.transport.receive_queue import ReceiveQueue
+from headway.edge.worker import Worker
 from headway.errors import UserError
 from headway_schemas.keys import Keys
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
-"""zenoh takes it from the environment alone. The thread that accepted a connection is told when something has come; by
-default it wakes one of two others to read, which wait for each other besides. Read by itself, 80,000 messages a second
-cost about 1 us less each, and their 99th percentile falls by a third or more."""
+"""zenoh reads this from the environment only. The thread that accepted a connection is notified of data; by default it
+wakes one of two other threads to read. With this setting it reads by itself. At 80,000 messages a second this saves
+about 1 us each and lowers the 99th percentile by a third."""
 
 _INCOMING_LIMIT: Final = 4_096
-"""Messages that zenoh holds for the loop; who sends more than that within a turn waits for the end of it."""
+"""Messages that zenoh buffers for the loop; a sender of more within one iteration waits for its end."""
 _TELEMETRY_LIMIT: Final = 20_000
-"""States, copies and reports that wait to be put."""
+"""Most states, copies and reports that wait to be put."""
 _QUERY_LIMIT: Final = 64
-"""Questions, and answers, that wait."""
+"""Most queries, and most answers, that wait."""
 _BACKOFF_S: Final = (0.5, 10.0)
 """First and longest pause between two attempts to open."""
 _MESSAGE_BYTES_MAX: Final = 1 << 24
-"""zenoh itself drops what is larger, so that nobody can make it ask for more memory than that."""
+"""zenoh drops larger messages, which bounds the memory that a sender can claim."""
 
 _PRIORITY: Final = {
     Channel.ALERT: zenoh.Priority.INTERACTIVE_HIGH,
@@ -56,14 +56,14 @@ _log: Final = structlog.get_logger(__name__)
 
 
 class BusError(UserError):
-    """zenoh refuses what it was configured for."""
+    """zenoh refuses its configuration."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BusConfig:
-    """How to be on the bus.
+    """How to join the bus.
 
-    `options` is zenoh's own configuration (JSON5), which decides wherever `mode`, `connect` and `listen` are None.
+    `options` is zenoh's own configuration (JSON5); it applies where `mode`, `connect` or `listen` is None.
     """
 
     instance: str
@@ -75,10 +75,10 @@ class BusConfig:
     block_timeout_s: float
     alert_limit: int
     history: bool = False
-    """Whether questions for the history of events are taken."""
+    """Whether the service answers queries for the history of events."""
 
     def zenoh_config(self) -> zenoh.Config:
-        """Return what zenoh makes of it. Raises `BusError`."""
+        """Return the configuration for zenoh. Raises `BusError`."""
         try:
             config = zenoh.Config.from_json5(self.options) if self.options else zenoh.Config()
             for key, value in self._inserted():
@@ -109,49 +109,49 @@ class BusConfig:
 
 
 class ZenohBus:
-    """A `ports.Bus` of one zenoh session; silent until `open`.
+    """A `ports.Bus` on one zenoh session, which `open` starts.
 
     Raises
     ------
     BusError
-        zenoh does not understand its configuration.
+        zenoh does not accept its configuration.
     """
 
-    def __init__(self, config: BusConfig, keys: Keys, clock: Clock, inbox: Inbox) -> None:
+    def __init__(self, config: BusConfig, keys: Keys, clock: Clock, receive_queue: ReceiveQueue) -> None:
         self._config = config
         self._keys = keys
         self._clock = clock
-        self._inbox = inbox
-        self._asked = (keys.pairs, keys.alerts) if config.history else (keys.pairs,)
+        self._receive_queue = receive_queue
+        self._queryables = (keys.pairs, keys.alerts) if config.history else (keys.pairs,)
         self._options = config.zenoh_config()
         self._is_client = json.loads(self._options.get_json("mode")) == "client"
         self._listens = not self._is_client and bool(json.loads(self._options.get_json("listen/endpoints")))
-        self._alerts = Outbox("headway-alerts", config.alert_limit, zenoh.ZError)
-        self._telemetry = Outbox("headway-telemetry", _TELEMETRY_LIMIT, zenoh.ZError)
-        self._answers = Outbox("headway-answers", _QUERY_LIMIT, zenoh.ZError)
-        self._outboxes = (self._alerts, self._telemetry, self._answers)
+        self._alerts = Worker("headway-alerts", config.alert_limit, zenoh.ZError)
+        self._telemetry = Worker("headway-telemetry", _TELEMETRY_LIMIT, zenoh.ZError)
+        self._answers = Worker("headway-answers", _QUERY_LIMIT, zenoh.ZError)
+        self._workers = (self._alerts, self._telemetry, self._answers)
         self._queries: deque[Query] = deque()
         self._queries_dropped = 0
-        self._neighbours: set[str] = set()
+        self._peers: set[str] = set()
         self._wanted = dict.fromkeys(Channel, True)
         self._incoming: zenoh.handlers.Handler[zenoh.Sample] | None = None
-        self._looked_us = self._looked_ns = 0
+        self._polled_us = self._polled_ns = 0
         self._session: zenoh.Session | None = None
         self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
         self._declared: list[Any] = []
 
     def open(self, pause: Callable[[float], bool]) -> bool:
-        """Open the session and subscribe; return False when `pause` said to stop before a router was there.
+        """Open the session and subscribe; return False if `pause` ended the wait for a router.
 
         Parameters
         ----------
         pause
-            Waits that many seconds and returns whether to go on.
+            Waits that many seconds and returns whether to continue.
 
         Raises
         ------
         BusError
-            An address to listen on cannot be had.
+            An address to listen on is not available.
         """
         wait_s, longest_s = _BACKOFF_S
         while self._session is None:
@@ -169,12 +169,12 @@ class ZenohBus:
 
     def _declare(self, session: zenoh.Session) -> None:
         keys = self._keys
-        self._looked_us, self._looked_ns = self._clock.wall_us(), self._clock.monotonic_ns()
+        self._polled_us, self._polled_ns = self._clock.wall_us(), self._clock.monotonic_ns()
         self._declared = [
             session.info.declare_transport_events_listener(self._on_transport, history=True),
-            self._watch(session, Channel.STATE, keys.every_pair_state),
-            self._watch(session, Channel.REJECTED, keys.every_rejected),
-            *(session.declare_queryable(key, self._asker(key)) for key in self._asked),
+            self._watch_subscribers(session, Channel.STATE, keys.every_pair_state),
+            self._watch_subscribers(session, Channel.REJECTED, keys.every_rejected),
+            *(session.declare_queryable(key, self._query_handler(key)) for key in self._queryables),
             session.liveliness().declare_token(keys.liveliness(self._config.instance)),
         ]
         self._subscriber = session.declare_subscriber(keys.every_bsm, zenoh.handlers.FifoChannel(_INCOMING_LIMIT))
@@ -182,27 +182,27 @@ class ZenohBus:
 
     @property
     def received(self) -> int:
-        """Messages taken in so far."""
-        return self._inbox.received
+        """Messages received so far."""
+        return self._receive_queue.received
 
     @property
     def waiting(self) -> int:
-        """Messages taken in and neither drained nor shed."""
-        return len(self._inbox)
+        """Messages received that are neither drained nor shed."""
+        return len(self._receive_queue)
 
     @property
     def shed(self) -> int:
         """Messages shed so far."""
-        return self._inbox.shed
+        return self._receive_queue.shed
 
     @property
     def shed_records(self) -> Mapping[Outcome, int]:
-        """Records in them, by reason."""
-        return self._inbox.shed_records
+        """Records in the shed messages, by reason."""
+        return self._receive_queue.shed_records
 
     @property
     def dropped(self) -> Mapping[str, int]:
-        """What was to be told and was not, by reason."""
+        """Messages to publish that were dropped, by reason."""
         return {
             "alert_queue_full": self._alerts.overflowed,
             "alert_failed": self._alerts.failed,
@@ -213,92 +213,92 @@ class ZenohBus:
         }
 
     @property
-    def transports(self) -> int:
-        """Neighbours connected."""
-        return len(self._neighbours)
+    def peers(self) -> int:
+        """Peers, routers and clients connected."""
+        return len(self._peers)
 
     @property
     def connected(self) -> bool:
-        """Whether senders can reach this service: it listens, or a neighbour is there."""
-        return self._session is not None and (self._listens or bool(self._neighbours))
+        """Whether senders can reach this service: it listens, or a peer is connected."""
+        return self._session is not None and (self._listens or bool(self._peers))
 
     @property
     def subscribed(self) -> bool:
-        """Whether messages are being taken in."""
+        """Whether the service receives messages."""
         return self._subscriber is not None
 
     def wanted(self, channel: Channel) -> bool:
-        """Whether anybody listens to the channel."""
+        """Whether the channel has a subscriber."""
         return self._wanted[channel]
 
-    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[Arrival]:
-        """Take in what zenoh holds, and the oldest messages out."""
-        self._take_in()
-        return self._inbox.drain(limit, bytes_limit, now_ns)
+    def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[ReceivedMessage]:
+        """Receive what zenoh buffers, then return the oldest messages."""
+        self._receive()
+        return self._receive_queue.drain(limit, bytes_limit, now_ns)
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
-        """Hand a message over to be put by another thread."""
+        """Queue a message, which another thread puts."""
         session = self._session
         if session is None:
             return
         is_alert = channel is Channel.ALERT
-        outbox = self._alerts if is_alert else self._telemetry
+        worker = self._alerts if is_alert else self._telemetry
         congestion = zenoh.CongestionControl.BLOCK if is_alert else zenoh.CongestionControl.DROP
-        outbox.put(
+        worker.put(
             lambda: session.put(
                 key, payload, encoding=channel.value, congestion_control=congestion, priority=_PRIORITY[channel]
             )
         )
 
     def next_query(self) -> Query | None:
-        """Take the oldest question out."""
+        """Return the oldest query, None if there is none."""
         return self._queries.popleft() if self._queries else None
 
     def unsubscribe(self) -> None:
-        """Take nothing more in; what zenoh already holds is still delivered."""
+        """Receive nothing more; what zenoh already buffers is still delivered."""
         if self._subscriber is not None:
             self._subscriber.undeclare()
             self._subscriber = None
 
     @property
     def delivered(self) -> bool:
-        """Whether, after `unsubscribe`, zenoh holds nothing more."""
+        """Whether, after `unsubscribe`, zenoh buffers nothing more."""
         return self._incoming is None
 
     def close(self) -> None:
-        """Say what waits to be said, sign off and close; takes no longer than a stalled subscriber's time to live."""
+        """Publish what waits and close; takes at most `block_timeout_s` and a second for each queue."""
         self.unsubscribe()
-        unsaid = [outbox.name for outbox in self._outboxes if not outbox.close(self._config.block_timeout_s + 1.0)]
+        unsent = [worker.name for worker in self._workers if not worker.close(self._config.block_timeout_s + 1.0)]
         for declared in self._declared:
             declared.undeclare()
         if self._session is not None:
             try:
                 self._session.close()
             except zenoh.ZError as error:
-                _log.warning("closed with something unsaid", outboxes=unsaid, error=_brief(error))
+                _log.warning("closed with messages unsent", workers=unsent, error=_brief(error))
 
-    def _take_in(self) -> None:
-        """Take in what has come since the last look, as if it had come half way between the two looks."""
+    def _receive(self) -> None:
+        """Receive what arrived since the last poll; its receive time is the middle between the two polls."""
         if self._incoming is None:
             return
         wall_us, monotonic_ns = self._clock.wall_us(), self._clock.monotonic_ns()
-        received_us, received_ns = (self._looked_us + wall_us) // 2, (self._looked_ns + monotonic_ns) // 2
-        self._looked_us, self._looked_ns = wall_us, monotonic_ns
+        received_us, received_ns = (self._polled_us + wall_us) // 2, (self._polled_ns + monotonic_ns) // 2
+        self._polled_us, self._polled_ns = wall_us, monotonic_ns
         receive, new, kind_put = self._incoming.try_recv, tuple.__new__, zenoh.SampleKind.PUT
-        arrivals = []
+        messages = []
         try:
             while (sample := receive()) is not None:
                 is_put = sample.kind == kind_put
                 encoding = str(sample.encoding)
                 fields = (str(sample.key_expr), sample.payload.to_bytes(), encoding, is_put, received_us, received_ns)
-                arrivals.append(new(Arrival, fields))  # half the time of Arrival(...)
-                if len(arrivals) == _INCOMING_LIMIT:
+                messages.append(new(ReceivedMessage, fields))  # half the time of Arrival(...)
+                if len(messages) == _INCOMING_LIMIT:
                     break
-        except zenoh.ZError:  # nothing is under way after `unsubscribe`
+        except zenoh.ZError:  # zenoh buffers nothing after `unsubscribe`
             self._incoming = None
-        self._inbox.put(arrivals)
+        self._receive_queue.put(messages)
 
-    def _asker(self, key: str) -> Callable[[zenoh.Query], None]:
+    def _query_handler(self, key: str) -> Callable[[zenoh.Query], None]:
         def ask(query: zenoh.Query) -> None:
             if len(self._queries) < _QUERY_LIMIT:
                 self._queries.append(_ZenohQuery(query, key, self._answers))
@@ -308,8 +308,8 @@ class ZenohBus:
 
         return ask
 
-    def _watch(self, session: zenoh.Session, channel: Channel, key: str) -> zenoh.Publisher:
-        """Keep `wanted` up to date: a publisher of the whole channel, which publishes nothing, knows who matches."""
+    def _watch_subscribers(self, session: zenoh.Session, channel: Channel, key: str) -> zenoh.Publisher:
+        """Update `wanted` from the matching status of a publisher of the whole channel, which publishes nothing."""
 
         def on_match(status: zenoh.MatchingStatus) -> None:
             self._wanted[channel] = status.matching
@@ -320,15 +320,15 @@ class ZenohBus:
         return publisher
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
-        neighbour = str(event.transport.zid)
+        peer = str(event.transport.zid)
         if event.kind == zenoh.SampleKind.PUT:
-            self._neighbours.add(neighbour)
+            self._peers.add(peer)
         else:
-            self._neighbours.discard(neighbour)
+            self._peers.discard(peer)
 
 
 class _ZenohQuery:
-    def __init__(self, query: zenoh.Query, key: str, answers: Outbox) -> None:
+    def __init__(self, query: zenoh.Query, key: str, answers: Worker) -> None:
         self._query = query
         self._answers = answers
         self.key = key
@@ -352,5 +352,5 @@ class _ZenohQuery:
 
 
 def _brief(error: Exception) -> str:
-    """Leave out where in zenoh's sources an error arose."""
+    """Return the message of an error without its place in the sources of zenoh."""
     return str(error).partition(" at /")[0].strip()

@@ -7,14 +7,14 @@ from edge.stub import event
 from sim.rig import IDENTITY, KEYS
 
 from headway.edge.codec.messages import encode, event_message
-from headway.edge.storage.journal import Statement
+from headway.edge.storage.journal import EventUpdate
 from headway.edge.storage.journal_query import page
 from headway_schemas.query import AlertsQuery
 
 
-def statement(detected_us: int, **changes) -> Statement:
+def update(detected_us: int, **changes) -> EventUpdate:
     message = event_message(event(**changes), IDENTITY, detected_us, {})
-    return Statement(message, KEYS.alert(message.kind, message.suspect), encode(message))
+    return EventUpdate(message, KEYS.alert(message.kind, message.suspect), encode(message))
 
 
 def query(**asked) -> AlertsQuery:
