@@ -3,9 +3,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 import zenoh
-from standin import START_US, Service, Traffic, bus, event, free_port, health, service
+from fake_service import START_US, Service, Traffic, bus, event, free_port, health, service
 
-from headway.client import BusFeed, Heard
+from headway.client import BusFeed, SiteMessage
 from headway_schemas import Event, Health, PairState, Phase, RejectedCopy
 from headway_schemas.query import EVENTS, AlertsQuery
 
@@ -17,7 +17,7 @@ def endpoint() -> str:
 
 @pytest.fixture
 def feed(endpoint: str) -> Iterator[BusFeed]:
-    client = BusFeed([endpoint], ["local"], inbox_limit=200)
+    client = BusFeed([endpoint], ["local"], buffer_limit=200)
     client.start()
     yield client
     client.close()
@@ -30,26 +30,26 @@ def until(done: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
-def linked(running: Service, feed: BusFeed) -> None:
+def connect(running: Service, feed: BusFeed) -> None:
     """Wait until what the service tells arrives."""
 
     def arrives() -> bool:
-        running.tell(health(1.0, START_US))
-        return any(isinstance(heard.message, Health) for heard in feed.drain())
+        running.publish(health(1.0, START_US))
+        return any(isinstance(received.message, Health) for received in feed.drain())
 
     until(arrives)
     list(feed.drain())
 
 
-def hear(feed: BusFeed, n: int) -> list[Heard]:
-    heard: list[Heard] = []
+def deliver(feed: BusFeed, n: int) -> list[SiteMessage]:
+    received: list[SiteMessage] = []
 
     def enough() -> bool:
-        heard.extend(h for h in feed.drain() if not isinstance(h.message, Health))
-        return len(heard) >= n
+        received.extend(h for h in feed.drain() if not isinstance(h.message, Health))
+        return len(received) >= n
 
     until(enough)
-    return heard
+    return received
 
 
 def test_what_the_service_tells_arrives_as_it_was(endpoint: str, feed: BusFeed) -> None:
@@ -59,53 +59,53 @@ def test_what_the_service_tells_arrives_as_it_was(endpoint: str, feed: BusFeed) 
         received_us=START_US, payload_max=10,
     )  # fmt: skip
     with service(endpoint) as running:
-        linked(running, feed)
-        running.tell(event(1), *states)
+        connect(running, feed)
+        running.publish(event(1), *states)
         running.session.put(running.keys.rejected("malformed"), copy.model_dump_json())
-        heard = hear(feed, 22)
-    assert {h.site for h in heard} == {"local"}
-    assert [h.message for h in heard if isinstance(h.message, Event)] == [event(1)]
-    assert [h.message for h in heard if isinstance(h.message, PairState)] == states
-    assert [h.message for h in heard if isinstance(h.message, RejectedCopy)] == [copy]
+        received = deliver(feed, 22)
+    assert {h.site for h in received} == {"local"}
+    assert [h.message for h in received if isinstance(h.message, Event)] == [event(1)]
+    assert [h.message for h in received if isinstance(h.message, PairState)] == states
+    assert [h.message for h in received if isinstance(h.message, RejectedCopy)] == [copy]
 
 
 def test_what_is_not_of_the_contract_is_counted(endpoint: str, feed: BusFeed) -> None:
     with service(endpoint) as running:
-        linked(running, feed)
+        connect(running, feed)
         key = running.keys.alert("bias", "a")
         running.session.put(key, b"{")
         running.session.put(key, event(1, site="elsewhere").model_dump_json())
         running.session.delete(key)
-        running.tell(event(1))
-        assert len(hear(feed, 1)) == 1
-    assert feed.link.unreadable == 2
+        running.publish(event(1))
+        assert len(deliver(feed, 1)) == 1
+    assert feed.connection.unreadable == 2
 
 
 def test_an_inbox_keeps_the_newest_and_counts_the_rest(endpoint: str, feed: BusFeed) -> None:
     with service(endpoint) as running:
-        linked(running, feed)
+        connect(running, feed)
         for n in range(3):
-            running.tell(*Traffic(100).states(0.0, START_US + n))
-        until(lambda: feed.link.dropped == 100)
-        heard = hear(feed, 200)
-    assert {h.message.t_us for h in heard if isinstance(h.message, PairState)} == {START_US + 1, START_US + 2}
+            running.publish(*Traffic(100).states(0.0, START_US + n))
+        until(lambda: feed.connection.dropped == 100)
+        received = deliver(feed, 200)
+    assert {h.message.t_us for h in received if isinstance(h.message, PairState)} == {START_US + 1, START_US + 2}
 
 
 def test_the_link_comes_back_after_the_service(endpoint: str, feed: BusFeed) -> None:
-    assert not feed.link.connected
+    assert not feed.connection.connected
     for connections in (1, 2):
         with service(endpoint) as running:
-            linked(running, feed)
-            until(lambda: feed.link.connected)
-            assert feed.link.connections == connections
-        until(lambda: not feed.link.connected)
+            connect(running, feed)
+            until(lambda: feed.connection.connected)
+            assert feed.connection.connections == connections
+        until(lambda: not feed.connection.connected)
 
 
 def test_history_is_paged_without_a_gap(endpoint: str, feed: BusFeed) -> None:
     journal = [event(n, t_us=START_US + n // 3) for n in range(10)]
     told: list[Event] = []
     with service(endpoint, journal) as running:
-        linked(running, feed)
+        connect(running, feed)
         before_us = None
         while page := feed.history(["local"], AlertsQuery(limit=2, before_us=before_us)).events:
             told += page
@@ -120,7 +120,7 @@ def test_two_journals_are_merged(endpoint: str, feed: BusFeed) -> None:
     second = [event(1), event(3, t_us=START_US + 1)]
     with service(endpoint, first) as running, bus("client", connect=endpoint) as other:
         held = other.declare_queryable(running.keys.alerts, Service(other, running.keys, second).answer)
-        linked(running, feed)
+        connect(running, feed)
         until(lambda: feed.history(["local"], AlertsQuery()).answers == 2)
         found = feed.history(["local"], AlertsQuery(evidence=True))
         held.undeclare()
@@ -131,7 +131,7 @@ def test_two_journals_are_merged(endpoint: str, feed: BusFeed) -> None:
 def test_one_event_with_every_phase(endpoint: str, feed: BusFeed) -> None:
     journal = [event(1), event(2), event(1, Phase.CLEARED, t_us=START_US + 9)]
     with service(endpoint, journal) as running:
-        linked(running, feed)
+        connect(running, feed)
         found = feed.history(["local"], AlertsQuery(event="veh-0001-1")).events
     assert [e.phase for e in found] == [Phase.CLEARED, Phase.ONSET]
 
@@ -149,7 +149,7 @@ def test_a_refusal_and_nonsense_are_told_apart_from_nothing(endpoint: str, feed:
     for answer, problem in ((refuse, "limit: too much"), (babble, "1 validation error")):
         with service(endpoint) as running, bus("client", connect=endpoint) as other:
             held = other.declare_queryable(running.keys.alerts, answer)
-            linked(running, feed)
+            connect(running, feed)
             until(lambda: bool(feed.history(["local"], AlertsQuery()).problems))
             found = feed.history(["local"], AlertsQuery())
             held.undeclare()

@@ -1,4 +1,4 @@
-"""The bus as the views see it: a client that subscribes to what the service tells, and asks for its history."""
+"""A client of the bus: subscribes to what the service publishes and queries its history."""
 
 import contextlib
 import json
@@ -18,15 +18,15 @@ from headway_schemas.query import EVENTS, AlertsQuery
 
 Message: TypeAlias = Event | PairState | Health | RejectedCopy
 
-INBOX_LIMIT: Final = 50_000
-"""Messages waiting on one channel of a site; beyond it the oldest is dropped and counted."""
+BUFFER_LIMIT: Final = 50_000
+"""Most messages that wait on one channel of a site; beyond it the oldest is dropped and counted."""
 _OPEN_TIMEOUT_MS: Final = 2_000
 _RETRY_S: Final = 1.0
 _QUERY_TIMEOUT_S: Final = 5.0
 
 
-class Heard(NamedTuple):
-    """A message and the site whose key it came under."""
+class SiteMessage(NamedTuple):
+    """A message and the site of its key."""
 
     site: str
     message: Message
@@ -34,49 +34,49 @@ class Heard(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class History:
-    """Events newest first, as far as anyone answered."""
+    """Events of the journals that answered, newest first."""
 
     events: list[Event]
     answers: int
-    """How many journals answered; 0 tells a missing service from an empty history."""
+    """Journals that answered; 0 means no service, not an empty history."""
     problems: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Link:
-    """How the views are connected."""
+class Connection:
+    """State of the connection to the bus."""
 
     connected: bool
     connections: int
-    """Times that a link came up since the start."""
+    """Connections made since the start."""
     dropped: int
-    """Messages that came faster than they were taken."""
+    """Messages dropped because they arrived faster than they were drained."""
     unreadable: int
-    """Messages that are not of the wire contract."""
+    """Messages that do not follow the wire contract."""
 
 
 class Feed(Protocol):
-    """Where a view gets its messages from."""
+    """Source of messages for a view."""
 
     def start(self) -> None:
-        """Begin to connect; returns at once."""
+        """Start to connect; returns at once."""
 
-    def drain(self) -> Iterator[Heard]:
-        """Take what came since the last call, channel by channel."""
+    def drain(self) -> Iterator[SiteMessage]:
+        """Yield the messages since the last call, channel by channel."""
 
     def history(self, sites: Sequence[str], query: AlertsQuery) -> History:
-        """Ask the journals of these sites; blocks for some seconds at most."""
+        """Query the journals of these sites; blocks for at most some seconds."""
 
     @property
-    def link(self) -> Link:
-        """How the link stands."""
+    def connection(self) -> Connection:
+        """State of the connection."""
 
     def close(self) -> None:
         """Leave the bus."""
 
 
-class _Inbox:
-    """Bounded and filled by one callback, which copies and appends and nothing else."""
+class _Buffer:
+    """A bounded queue that one callback fills; it only copies and appends."""
 
     def __init__(self, site: str, model: type[Message], limit: int) -> None:
         self.site = site
@@ -101,12 +101,12 @@ class _Inbox:
 
 
 class BusFeed:
-    """A zenoh client of some sites. It waits for the bus as long as it takes, and comes back after it.
+    """A zenoh client of some sites. It waits for the bus without a limit and reconnects.
 
     Raises
     ------
     UserError
-        The endpoints, the sites or the configuration file are not usable.
+        The endpoints, the sites or the configuration file are invalid.
     """
 
     def __init__(
@@ -116,7 +116,7 @@ class BusFeed:
         *,
         prefix: str = "v2x",
         zenoh_config: Path | None = None,
-        inbox_limit: int = INBOX_LIMIT,
+        buffer_limit: int = BUFFER_LIMIT,
     ) -> None:
         try:
             self._keys = {site: Keys(prefix, site) for site in sites}
@@ -125,8 +125,8 @@ class BusFeed:
         if not self._keys:
             raise UserError("no site: name at least one with --site")
         self._config = _configuration(connect, zenoh_config)
-        self._inboxes: list[tuple[str, _Inbox]] = [
-            (expression, _Inbox(site, model, inbox_limit))
+        self._buffers: list[tuple[str, _Buffer]] = [
+            (expression, _Buffer(site, model, buffer_limit))
             for site, keys in self._keys.items()
             for expression, model in (
                 (keys.every_alert, Event),
@@ -138,30 +138,30 @@ class BusFeed:
         self._session: zenoh.Session | None = None
         self._closing = threading.Event()
         self._opener = threading.Thread(target=self._open, name="bus", daemon=True)
-        self._links = 0
+        self._peers = 0
         self._connections = 0
         self._unreadable = 0
 
     def start(self) -> None:
-        """Begin to connect; returns at once."""
+        """Start to connect; returns at once."""
         self._opener.start()
 
-    def drain(self) -> Iterator[Heard]:
-        """Take what came since the last call, channel by channel."""
-        for _, inbox in self._inboxes:
-            for payload in inbox.drain():
-                message = _read(inbox, payload)
+    def drain(self) -> Iterator[SiteMessage]:
+        """Yield the messages since the last call, channel by channel."""
+        for _, buffer in self._buffers:
+            for payload in buffer.drain():
+                message = _read(buffer, payload)
                 if message is None:
                     self._unreadable += 1
                 else:
-                    yield Heard(inbox.site, message)
+                    yield SiteMessage(buffer.site, message)
 
     def history(self, sites: Sequence[str], query: AlertsQuery) -> History:
-        """Ask the journals of these sites; blocks for some seconds at most."""
+        """Query the journals of these sites; blocks for at most some seconds."""
         events: dict[tuple[str, str, str, int], Event] = {}
         answers, problems = 0, []
         for site in sites:
-            for reply in self._ask(self._keys[site], query):
+            for reply in self._query(self._keys[site], query):
                 try:
                     answered = EVENTS.validate_json(_payload(reply))
                 except ValueError as error:
@@ -173,12 +173,12 @@ class BusFeed:
         return History(_page(newest_first, query.limit), answers, tuple(problems))
 
     @property
-    def link(self) -> Link:
-        """How the link stands."""
-        return Link(
-            connected=self._links > 0,
+    def connection(self) -> Connection:
+        """State of the connection."""
+        return Connection(
+            connected=self._peers > 0,
             connections=self._connections,
-            dropped=sum(inbox.dropped for _, inbox in self._inboxes),
+            dropped=sum(buffer.dropped for _, buffer in self._buffers),
             unreadable=self._unreadable,
         )
 
@@ -197,20 +197,20 @@ class BusFeed:
             except zenoh.ZError:
                 self._closing.wait(_RETRY_S)
                 continue
-            session.info.declare_transport_events_listener(self._link_changed, history=True)
-            for expression, inbox in self._inboxes:
-                session.declare_subscriber(expression, inbox.put)
+            session.info.declare_transport_events_listener(self._on_transport, history=True)
+            for expression, buffer in self._buffers:
+                session.declare_subscriber(expression, buffer.put)
             self._session = session
             return
 
-    def _link_changed(self, event: zenoh.TransportEvent) -> None:
+    def _on_transport(self, event: zenoh.TransportEvent) -> None:
         if event.kind == zenoh.SampleKind.PUT:
-            self._links += 1
+            self._peers += 1
             self._connections += 1
         else:
-            self._links -= 1
+            self._peers -= 1
 
-    def _ask(self, keys: Keys, query: AlertsQuery) -> Iterator[zenoh.Reply]:
+    def _query(self, keys: Keys, query: AlertsQuery) -> Iterator[zenoh.Reply]:
         if self._session is None:
             return
         selector = f"{keys.alerts}?{query.to_parameters()}"
@@ -239,12 +239,12 @@ def _options(connect: Sequence[str]) -> Iterator[tuple[str, Any]]:
         yield "connect/endpoints", list(connect)
 
 
-def _read(inbox: _Inbox, payload: bytes) -> Message | None:
+def _read(buffer: _Buffer, payload: bytes) -> Message | None:
     try:
-        message = inbox.model.model_validate_json(payload)
+        message = buffer.model.model_validate_json(payload)
     except ValidationError:
         return None
-    return message if getattr(message, "site", inbox.site) == inbox.site else None
+    return message if getattr(message, "site", buffer.site) == buffer.site else None
 
 
 def _payload(reply: zenoh.Reply) -> bytes:
@@ -254,7 +254,7 @@ def _payload(reply: zenoh.Reply) -> bytes:
 
 
 def _page(events: list[Event], limit: int) -> list[Event]:
-    """Cut at `limit`, but never within one microsecond."""
+    """Cut at `limit`, but never between events of one microsecond."""
     if len(events) <= limit:
         return events
     last_us = events[limit - 1].detected_us

@@ -13,7 +13,7 @@ from typing import Any
 import httpx
 import pytest
 from browser.devtools import Browser, chromium
-from standin import Service, Traffic, event, free_port, health, service
+from fake_service import Service, Traffic, event, free_port, health, service
 
 from headway_schemas import Event, Kind, Phase, RejectedCopy, Sensor
 
@@ -93,15 +93,15 @@ def alive(running: Service, traffic: Traffic, rate_hz: float = 2.0) -> Iterator[
     """Tell the state of the traffic and the health of the service until the end."""
     ended = threading.Event()
 
-    def tell() -> None:
-        started, turn = time.monotonic(), 0
-        while not ended.wait(max(0.0, started + turn / rate_hz - time.monotonic())):
-            running.tell(*traffic.states(time.monotonic() - started, wall_us()))
-            if turn % max(1, int(rate_hz)) == 0:
-                running.tell(health(100 + time.monotonic() - started, wall_us(), vehicles=traffic.vehicles))
-            turn += 1
+    def publish() -> None:
+        started, refresh = time.monotonic(), 0
+        while not ended.wait(max(0.0, started + refresh / rate_hz - time.monotonic())):
+            running.publish(*traffic.states(time.monotonic() - started, wall_us()))
+            if refresh % max(1, int(rate_hz)) == 0:
+                running.publish(health(100 + time.monotonic() - started, wall_us(), vehicles=traffic.vehicles))
+            refresh += 1
 
-    thread = threading.Thread(target=tell)
+    thread = threading.Thread(target=publish)
     thread.start()
     try:
         yield
@@ -140,9 +140,9 @@ def test_an_alert_is_on_the_page_within_a_second(
         page.run(WATCH_ALERTS)
         told_ms = {}
         for n in range(1, 21):
-            statement = event(n, t_us=wall_us())
-            told_ms[statement.event_id] = time.time() * 1000
-            running.tell(statement)
+            update = event(n, t_us=wall_us())
+            told_ms[update.event_id] = time.time() * 1000
+            running.publish(update)
             time.sleep(0.13)
         page.until("Object.keys(window.seen).length >= 20")
         seen_ms = page.run("window.seen")
@@ -171,7 +171,7 @@ def test_history_survives_the_page_and_the_service(page: Browser, endpoint: str)
     with service(endpoint, journal) as running, alive(running, Traffic(20)):
         live(page)
         for n in (1, 2, 3):
-            running.tell(event(n, t_us=wall_us()), event(n, Phase.CLEARED, t_us=wall_us() + 1_000))
+            running.publish(event(n, t_us=wall_us()), event(n, Phase.CLEARED, t_us=wall_us() + 1_000))
         page.until("document.querySelectorAll('#alerts [data-event]').length === 3")
     page.until("document.getElementById('line').dataset.state === 'down'", within_s=20)
     with service(endpoint, journal) as running, alive(running, Traffic(20)):
@@ -186,8 +186,8 @@ def test_history_survives_the_page_and_the_service(page: Browser, endpoint: str)
 
 def test_a_page_that_opens_late_shows_what_it_missed(browser: Browser, origin: str, endpoint: str) -> None:
     with service(endpoint) as running, alive(running, Traffic(20)):
-        running.tell(*(event(n, t_us=wall_us()) for n in range(1, 6)))
-        while len(httpx.get(f"{origin}/history").json()["statements"]) < 5:
+        running.publish(*(event(n, t_us=wall_us()) for n in range(1, 6)))
+        while len(httpx.get(f"{origin}/history").json()["updates"]) < 5:
             time.sleep(0.1)
         with visit(browser, origin) as page:
             live(page)
@@ -198,7 +198,7 @@ def test_a_page_that_opens_late_shows_what_it_missed(browser: Browser, origin: s
 def test_filters_narrow_alerts_and_history(page: Browser, endpoint: str) -> None:
     with service(endpoint) as running, alive(running, Traffic(20)):
         live(page)
-        running.tell(
+        running.publish(
             event(1, t_us=wall_us()),
             event(2, kind=Kind.DRIFT, sensor=Sensor.LOCATION, t_us=wall_us()),
             event(3, kind=Kind.MISS, sensor=Sensor.LINK, t_us=wall_us()),
@@ -223,7 +223,7 @@ def test_evidence_is_drawn(page: Browser, endpoint: str) -> None:
         at_us = wall_us()
         for second in range(3):
             phase = Phase.UPDATE if second else Phase.ONSET
-            running.tell(event(1, phase, t_us=at_us + 1_000_000 * second, onset_us=at_us))
+            running.publish(event(1, phase, t_us=at_us + 1_000_000 * second, onset_us=at_us))
         page.until("document.querySelectorAll('.plot .prediction .marks').length === 6")
         assert page.run("document.querySelectorAll('.plot .reading .dots').length") == 2 * 60
         assert page.run("document.querySelectorAll('.plot .gate .dash').length") == 1
@@ -264,7 +264,7 @@ def test_pictures(page: Browser, endpoint: str, tmp_path: Path) -> None:
         live(page)
         for second in range(8):
             phase = Phase.UPDATE if second else Phase.ONSET
-            running.tell(
+            running.publish(
                 event(31, phase, t_us=wall_us(), onset_us=now_us),
                 event(202, phase, kind=Kind.DRIFT, sensor=Sensor.LOCATION, t_us=wall_us()),
             )

@@ -2,11 +2,11 @@ from pathlib import Path
 
 import pytest
 from dashboard.pageclient import PageClient
-from standin import FakeFeed
+from fake_service import FakeFeed
 
 from headway.dashboard.access import COOKIE, is_loopback, read_token
 from headway.dashboard.app import create_app
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.server import serve
 from headway.errors import UserError
 
@@ -14,7 +14,7 @@ TOKEN = "correct-horse-battery"
 
 
 def client(host: str = "127.0.0.1", token: str | None = None, base: str = "http://127.0.0.1:8080") -> PageClient:
-    app = create_app(Hub(FakeFeed(), ["local"]), host=host, token=token, names=["board.example"])
+    app = create_app(Broadcaster(FakeFeed(), ["local"]), host=host, token=token, names=["board.example"])
     return PageClient(app, base)
 
 

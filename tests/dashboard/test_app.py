@@ -1,9 +1,9 @@
 import pytest
 from dashboard.pageclient import PageClient
-from standin import START_US, FakeFeed, event
+from fake_service import START_US, FakeFeed, event
 
 from headway.dashboard.app import EVIDENCE_FIRST, EVIDENCE_LAST, VIEWER_LIMIT, create_app
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.broadcast import Broadcaster
 from headway_schemas import Kind, Phase
 
 JOURNAL = [
@@ -15,7 +15,7 @@ JOURNAL = [
 
 @pytest.fixture
 def client() -> PageClient:
-    return PageClient(create_app(Hub(FakeFeed(JOURNAL), ["local", "north"])))
+    return PageClient(create_app(Broadcaster(FakeFeed(JOURNAL), ["local", "north"])))
 
 
 def test_the_page_and_its_parts_come_from_here(client: PageClient) -> None:
@@ -29,34 +29,34 @@ def test_the_page_and_its_parts_come_from_here(client: PageClient) -> None:
 
 def test_history_by_site_and_kind(client: PageClient) -> None:
     everywhere = client.get("/history", params={"kind": "drift"}).json()
-    assert [s["event_id"] for s in everywhere["statements"]] == ["veh-0007-7"]
+    assert [s["event_id"] for s in everywhere["updates"]] == ["veh-0007-7"]
     assert everywhere["answers"] == 2
-    assert client.get("/history", params={"kind": "drift", "site": "local"}).json()["statements"] == []
+    assert client.get("/history", params={"kind": "drift", "site": "local"}).json()["updates"] == []
 
 
 @pytest.mark.parametrize(
-    "asked", ["kind=none", "limit=0", "limit=1001", "vehicle=a%2Fb", "colour=red", "site=elsewhere"]
+    "queries", ["kind=none", "limit=0", "limit=1001", "vehicle=a%2Fb", "colour=red", "site=elsewhere"]
 )
-def test_a_question_that_makes_no_sense_is_named(client: PageClient, asked: str) -> None:
-    answer = client.get(f"/history?{asked}")
+def test_a_question_that_makes_no_sense_is_named(client: PageClient, queries: str) -> None:
+    answer = client.get(f"/history?{queries}")
     assert answer.status_code == 400
-    assert answer.text.startswith(asked.partition("=")[0])
+    assert answer.text.startswith(queries.partition("=")[0])
 
 
 def test_an_event_with_its_evidence_and_without_what_only_a_replay_needs(client: PageClient) -> None:
-    (statement,) = client.get("/event/veh-0001-1").json()
-    assert set(statement["evidence"]) == {"columns", "readings"}
+    (update,) = client.get("/event/veh-0001-1").json()
+    assert set(update["evidence"]) == {"columns", "readings"}
     assert client.get("/event/none").status_code == 404
     assert client.get("/event/%2A").status_code == 404
 
 
 def test_a_long_event_carries_the_evidence_of_its_ends(client: PageClient) -> None:
-    statements = client.get("/event/veh-0009-9").json()
-    carried = ["evidence" in statement for statement in statements]
+    updates = client.get("/event/veh-0009-9").json()
+    carried = ["evidence" in update for update in updates]
     assert carried == [True] * EVIDENCE_FIRST + [False] * (29 - EVIDENCE_FIRST - EVIDENCE_LAST) + [True] * EVIDENCE_LAST
 
 
 def test_viewers_are_limited() -> None:
-    hub = Hub(FakeFeed(), ["local"])
-    hub.viewers = VIEWER_LIMIT
-    assert PageClient(create_app(hub)).get("/stream").status_code == 503
+    broadcaster = Broadcaster(FakeFeed(), ["local"])
+    broadcaster.viewers = VIEWER_LIMIT
+    assert PageClient(create_app(broadcaster)).get("/stream").status_code == 503

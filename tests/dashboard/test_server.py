@@ -7,9 +7,9 @@ from contextlib import contextmanager
 
 import httpx
 import pytest
-from standin import START_US, FakeFeed, Traffic
+from fake_service import START_US, FakeFeed, Traffic
 
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.server import STALL_S, Server, bind, serve
 from headway.errors import UserError
 
@@ -18,7 +18,7 @@ class BusyFeed(FakeFeed):
     """Every turn brings 2,000 new states: 200 kB a frame."""
 
     def drain(self) -> Iterator:
-        self.hear(*STATES)
+        self.deliver(*STATES)
         return super().drain()
 
 
@@ -26,12 +26,12 @@ STATES = list(Traffic(2_000).states(0.0, START_US))
 
 
 @contextmanager
-def serving(feed: FakeFeed, stall_s: float = STALL_S) -> Iterator[tuple[int, Hub]]:
+def serving(feed: FakeFeed, stall_s: float = STALL_S) -> Iterator[tuple[int, Broadcaster]]:
     with bind("127.0.0.1", 0, stall_s) as listener:
         server = Server(feed, ["local"], "127.0.0.1", None, ())
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
-        yield listener.getsockname()[1], server.hub
+        yield listener.getsockname()[1], server.broadcaster
         server.should_exit = True
         thread.join(20)
         assert not thread.is_alive()
@@ -66,9 +66,9 @@ def test_a_browser_that_takes_nothing_does_not_slow_another() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's user timeout is Linux's")
 def test_a_browser_that_takes_nothing_is_dropped() -> None:
-    with serving(BusyFeed(), stall_s=0.3) as (port, hub), stalled_browser(port):
-        until(lambda: hub.viewers == 1)
-        until(lambda: hub.viewers == 0)
+    with serving(BusyFeed(), stall_s=0.3) as (port, broadcaster), stalled_browser(port):
+        until(lambda: broadcaster.viewers == 1)
+        until(lambda: broadcaster.viewers == 0)
 
 
 def test_the_end_lets_every_viewer_go() -> None:

@@ -3,9 +3,9 @@ import json
 from collections.abc import Awaitable, Callable
 from typing import Any
 
-from standin import START_US, FakeFeed, Traffic
+from fake_service import START_US, FakeFeed, Traffic
 
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.sse import EventStream
 
 Message = dict[str, Any]
@@ -17,14 +17,14 @@ def frames(sent: list[Message]) -> list[Message]:
 
 
 def play(
-    scenario: Callable[[Hub, FakeFeed, asyncio.Event, list[Message]], Awaitable[None]],
+    scenario: Callable[[Broadcaster, FakeFeed, asyncio.Event, list[Message]], Awaitable[None]],
 ) -> list[Message]:
     """Run a stream whose browser takes a message only while `reading` is set; it leaves when the scenario ends."""
 
     async def run() -> list[Message]:
         feed = FakeFeed()
-        hub = Hub(feed, ["local"])
-        hub.turn()
+        broadcaster = Broadcaster(feed, ["local"])
+        broadcaster.refresh()
         sent: list[Message] = []
         reading, left = asyncio.Event(), asyncio.Event()
         reading.set()
@@ -37,13 +37,13 @@ def play(
             await left.wait()
             return {"type": "http.disconnect"}
 
-        stream = asyncio.create_task(EventStream(hub, 0)({}, receive, send))
+        stream = asyncio.create_task(EventStream(broadcaster, 0)({}, receive, send))
         await settle()
-        await scenario(hub, feed, reading, sent)
+        await scenario(broadcaster, feed, reading, sent)
         left.set()
-        hub.turn()
+        broadcaster.refresh()
         await stream
-        assert hub.viewers == 0
+        assert broadcaster.viewers == 0
         return sent
 
     return asyncio.run(run())
@@ -55,11 +55,11 @@ async def settle() -> None:
 
 
 def test_a_viewer_is_told_everything_and_then_what_is_new() -> None:
-    async def scenario(hub: Hub, feed: FakeFeed, *_: Any) -> None:
-        assert hub.viewers == 1
+    async def scenario(broadcaster: Broadcaster, feed: FakeFeed, *_: Any) -> None:
+        assert broadcaster.viewers == 1
         for n in (2, 3):
-            feed.hear(*Traffic(n).states(0.0, START_US))
-            hub.turn()
+            feed.deliver(*Traffic(n).states(0.0, START_US))
+            broadcaster.refresh()
             await settle()
 
     told = frames(play(scenario))
@@ -67,11 +67,11 @@ def test_a_viewer_is_told_everything_and_then_what_is_new() -> None:
 
 
 def test_a_slow_viewer_gets_one_frame_with_the_newest_of_everything() -> None:
-    async def scenario(hub: Hub, feed: FakeFeed, reading: asyncio.Event, sent: list[Message]) -> None:
+    async def scenario(broadcaster: Broadcaster, feed: FakeFeed, reading: asyncio.Event, sent: list[Message]) -> None:
         reading.clear()
-        for turn in range(50):
-            feed.hear(*Traffic(4).states(0.0, START_US + turn))
-            hub.turn()
+        for refresh in range(50):
+            feed.deliver(*Traffic(4).states(0.0, START_US + refresh))
+            broadcaster.refresh()
             await settle()
         before = len(frames(sent))
         reading.set()
@@ -86,8 +86,8 @@ def test_a_slow_viewer_gets_one_frame_with_the_newest_of_everything() -> None:
 
 
 def test_the_end_of_the_hub_ends_the_stream_in_order() -> None:
-    async def scenario(hub: Hub, *_: Any) -> None:
-        hub.close()
+    async def scenario(broadcaster: Broadcaster, *_: Any) -> None:
+        broadcaster.close()
         await settle()
 
     assert play(scenario)[-1] == {"type": "http.response.body", "body": b"", "more_body": False}

@@ -1,15 +1,15 @@
-from standin import START_US, Traffic, event, health
+from fake_service import START_US, Traffic, event, health
 
-from headway.client import Heard
-from headway.dashboard.view_state import PAIR_COLUMNS, PAIR_FORGET_US, STATEMENT_LIMIT, Board, Table
+from headway.client import SiteMessage
+from headway.dashboard.view_state import PAIR_COLUMNS, PAIR_TTL_US, UPDATE_LIMIT, Table, ViewState
 from headway_schemas import Event, Health, PairState, Phase, RejectedCopy
 from headway_schemas.state import Standing
 
 
-def board(*messages: Event | PairState | Health | RejectedCopy, revision: int = 1) -> Board:
-    made = Board()
+def view_state(*messages: Event | PairState | Health | RejectedCopy, revision: int = 1) -> ViewState:
+    made = ViewState()
     for message in messages:
-        made.take(Heard("local", message), revision)
+        made.apply(SiteMessage("local", message), revision)
     return made
 
 
@@ -37,59 +37,59 @@ def test_a_table_tells_what_changed_since_stalest_first() -> None:
 
 
 def test_a_pair_that_changed_often_is_told_once_and_newest() -> None:
-    known = Board()
+    known = ViewState()
     for revision in range(1, 11):
         for state in states(3, START_US + revision):
-            known.take(Heard("local", state), revision)
+            known.apply(SiteMessage("local", state), revision)
     rows = known.delta(0)["pairs"]["rows"]
     assert [dict(zip(PAIR_COLUMNS, row, strict=True))["t_us"] for row in rows] == [START_US + 10] * 3
 
 
 def test_a_quiet_pair_is_forgotten() -> None:
-    known = board(*states(3), revision=1)
-    known.forget(1 + PAIR_FORGET_US - 1)
+    known = view_state(*states(3), revision=1)
+    known.evict(1 + PAIR_TTL_US - 1)
     assert len(known.pairs) == 3
-    known.forget(1 + PAIR_FORGET_US)
+    known.evict(1 + PAIR_TTL_US)
     assert len(known.pairs) == 0
 
 
 def test_statements_are_bounded_and_each_is_kept_once() -> None:
-    known = board(event(1), event(1))
-    assert len(known.statements) == 1
-    for n in range(STATEMENT_LIMIT + 5):
-        known.take_event(event(n, t_us=START_US + n), 2)
-    assert len(known.statements) == STATEMENT_LIMIT
+    known = view_state(event(1), event(1))
+    assert len(known.updates) == 1
+    for n in range(UPDATE_LIMIT + 5):
+        known.apply_event(event(n, t_us=START_US + n), 2)
+    assert len(known.updates) == UPDATE_LIMIT
 
 
 def test_a_known_statement_gains_evidence_and_never_loses_it() -> None:
     bare = event(1).model_copy(update={"evidence": None})
-    known = board(bare)
-    known.take_event(event(1), 2)
-    known.take_event(bare, 3)
-    (kept,) = known.statements
+    known = view_state(bare)
+    known.apply_event(event(1), 2)
+    known.apply_event(bare, 3)
+    (kept,) = known.updates
     assert kept.evidence is not None
-    assert [row["has_evidence"] for row in known.delta(1)["statements"]] == [True]
+    assert [row["has_evidence"] for row in known.delta(1)["updates"]] == [True]
 
 
 def test_phases_are_statements_of_their_own() -> None:
-    known = board(event(1), event(1, Phase.CLEARED, t_us=START_US + 1_000_000))
-    assert [row["phase"] for row in known.delta(0)["statements"]] == ["onset", "cleared"]
-    assert "evidence" not in known.delta(0)["statements"][0]
+    known = view_state(event(1), event(1, Phase.CLEARED, t_us=START_US + 1_000_000))
+    assert [row["phase"] for row in known.delta(0)["updates"]] == ["onset", "cleared"]
+    assert "evidence" not in known.delta(0)["updates"][0]
 
 
 def test_rates_are_between_two_reports_of_one_instance() -> None:
-    known = board(health(100.0, START_US))
-    known.take(Heard("local", health(102.0, START_US + 2_000_000)), 2)
+    known = view_state(health(100.0, START_US))
+    known.apply(SiteMessage("local", health(102.0, START_US + 2_000_000)), 2)
     (row,) = known.delta(0)["instances"]
     assert row["rates_hz"] == {"scored": 970.0, "warming": 30.0, "rejected": 1.0, "lost": 0.0}
 
 
 def test_a_restart_is_an_arrival_and_no_negative_rate() -> None:
-    known = board(health(100.0, START_US))
-    known.take(Heard("local", health(101.0, START_US + 1_000_000)), 2)
-    assert known.arrivals == 1
-    known.take(Heard("local", health(0.5, START_US + 2_000_000)), 3)
-    assert known.arrivals == 2
+    known = view_state(health(100.0, START_US))
+    known.apply(SiteMessage("local", health(101.0, START_US + 1_000_000)), 2)
+    assert known.instance_starts == 1
+    known.apply(SiteMessage("local", health(0.5, START_US + 2_000_000)), 3)
+    assert known.instance_starts == 2
     assert known.delta(2)["instances"][0]["rates_hz"] == {}
 
 
@@ -98,11 +98,11 @@ def test_copies_are_told_without_their_payload() -> None:
         reason="malformed", detail="not a map", key="v2x/local/bsm/a", sender="a", encoding="", payload=b"\xff",
         received_us=START_US, payload_max=10,
     )  # fmt: skip
-    known = board(copy, copy)
+    known = view_state(copy, copy)
     row = {"reason": "malformed", "detail": "not a map", "sender": "a", "received_us": START_US, "count": 1}
     assert known.delta(0)["copies"] == [{"site": "local", **row}] * 2
 
 
 def test_a_standing_is_told_by_its_word() -> None:
     state = states(1)[0].model_copy(update={"standing": Standing.SILENT})
-    assert "silent" in board(state).delta(0)["pairs"]["rows"][0]
+    assert "silent" in view_state(state).delta(0)["pairs"]["rows"][0]

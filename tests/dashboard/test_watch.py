@@ -3,10 +3,10 @@ import json
 import threading
 
 import pytest
+from fake_service import START_US, FakeFeed, Traffic, event, health
 from rich.console import Console
-from standin import START_US, FakeFeed, Traffic, event, health
 
-from headway.client import Link
+from headway.client import Connection
 from headway.dashboard.watch import Watcher, json_lines, plain_lines, screen, watch
 from headway_schemas import Phase
 
@@ -18,50 +18,50 @@ def watcher(feed: FakeFeed, since_us: int = 0) -> Watcher:
 def test_lines_say_what_is_new_once() -> None:
     feed = FakeFeed([])
     watching = watcher(feed)
-    feed.hear(event(1), health(3.0, START_US))
-    alert, report = plain_lines(watching.turn())
+    feed.deliver(event(1), health(3.0, START_US))
+    alert, report = plain_lines(watching.refresh())
     assert alert.endswith("local onset bias speed veh-0001 behind veh-0002, statistic 66.89 gate 13.8")
     assert "health rsu-1 ready, 100 vehicles" in report
     assert "lost transport 2" in report
-    assert list(plain_lines(watching.turn())) == []
+    assert list(plain_lines(watching.refresh())) == []
 
 
 def test_json_lines_say_their_type() -> None:
     feed = FakeFeed([])
     watching = watcher(feed)
-    feed.hear(event(1), health(3.0, START_US))
-    rows = [json.loads(line) for line in json_lines(watching.turn())]
-    assert [row["type"] for row in rows] == ["statement", "health"]
+    feed.deliver(event(1), health(3.0, START_US))
+    rows = [json.loads(line) for line in json_lines(watching.refresh())]
+    assert [row["type"] for row in rows] == ["event", "health"]
     assert rows[0]["event_id"] == "veh-0001-1"
 
 
 def test_history_is_asked_for_once_a_link() -> None:
     feed = FakeFeed([event(1)])
     watching = watcher(feed)
-    assert len(watching.turn()["statements"]) == 1
-    watching.turn()
-    assert len(feed.asked) == 1
-    feed.link = Link(connected=True, connections=2, dropped=0, unreadable=0)
-    assert watching.turn()["statements"] == []
-    assert len(feed.asked) == 2
+    assert len(watching.refresh()["updates"]) == 1
+    watching.refresh()
+    assert len(feed.queries) == 1
+    feed.connection = Connection(connected=True, connections=2, dropped=0, unreadable=0)
+    assert watching.refresh()["updates"] == []
+    assert len(feed.queries) == 2
 
 
 def test_history_from_the_start_on_where_only_news_is_wanted() -> None:
     feed = FakeFeed([event(1), event(2, t_us=START_US + 10)])
-    assert [s["event_id"] for s in watcher(feed, START_US + 2_305).turn()["statements"]] == ["veh-0002-2"]
+    assert [s["event_id"] for s in watcher(feed, START_US + 2_305).refresh()["updates"]] == ["veh-0002-2"]
 
 
 def shown(watching: Watcher, height: int) -> str:
     console = Console(file=io.StringIO(), width=140, height=height, record=True)
-    console.print(screen(watching.board, watching.feed.link, watching.revision, height))
+    console.print(screen(watching.view_state, watching.feed.connection, watching.revision, height))
     return console.export_text()
 
 
 def test_the_screen_puts_what_is_urgent_first_and_fits() -> None:
     feed = FakeFeed([event(1), event(2, Phase.CLEARED, t_us=START_US + 9)])
     watching = watcher(feed)
-    feed.hear(*Traffic(200, anomalous={150}).states(0.0, START_US), health(3.0, START_US))
-    watching.turn()
+    feed.deliver(*Traffic(200, anomalous={150}).states(0.0, START_US), health(3.0, START_US))
+    watching.refresh()
     text = shown(watching, 40)
     lines = text.splitlines()
     assert len(lines) <= 40
@@ -74,7 +74,7 @@ def test_the_screen_puts_what_is_urgent_first_and_fits() -> None:
 
 def test_the_screen_of_nothing() -> None:
     feed = FakeFeed()
-    feed.link = Link(connected=False, connections=0, dropped=3, unreadable=0)
+    feed.connection = Connection(connected=False, connections=0, dropped=3, unreadable=0)
     text = shown(watcher(feed), 24)
     assert "no contact with the bus" in text
     assert "3 not shown" in text

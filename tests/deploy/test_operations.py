@@ -15,8 +15,8 @@ from sim.until import until
 from headway.cli.app import app
 from headway.core.types.outcome import Outcome
 from headway.dashboard.app import create_app
-from headway.dashboard.broadcast import Hub
-from headway.dashboard.view_state import Board
+from headway.dashboard.broadcast import Broadcaster
+from headway.dashboard.view_state import ViewState
 from headway.edge.clock import SystemClock
 from headway.edge.storage.journal import Reason
 from headway.edge.telemetry.metrics import TABLE
@@ -146,10 +146,10 @@ def test_the_pages_that_the_guide_names_are_served() -> None:
     class NoFeed:
         """Never started: routes are all that is asked for."""
 
-    served = {getattr(route, "path", "") for route in create_app(Hub(NoFeed(), ("s",))).routes}  # type: ignore[arg-type]
+    served = {getattr(route, "path", "") for route in create_app(Broadcaster(NoFeed(), ("s",))).routes}  # type: ignore[arg-type]
     assert told
     assert told <= served
-    assert set(Board().delta(0)) <= set(re.findall(r"`(\w+)`", section("For authors of dashboards")))
+    assert set(ViewState().delta(0)) <= set(re.findall(r"`(\w+)`", section("For authors of dashboards")))
 
 
 def test_the_commands_that_the_guide_names_exist() -> None:

@@ -1,1 +1,1 @@
-"""What people see of the detector: a web page and a terminal view, subscribers of the bus like any other."""
+"""A web page and a terminal view, which subscribe to the bus like any other client."""

@@ -1,4 +1,4 @@
-"""Who may see the page: the host name asked for, the token, and what a browser may do with the answer."""
+"""Access to the page: host name, token, and the headers that limit what a browser does with a response."""
 
 import hashlib
 import hmac
@@ -41,7 +41,7 @@ def read_token(file: Path) -> str:
     Raises
     ------
     UserError
-        The file cannot be read, or its token is too short to keep anyone out.
+        The file cannot be read, or its token is too short.
     """
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
@@ -53,11 +53,11 @@ def read_token(file: Path) -> str:
     return token
 
 
-class Guard:
+class AccessControl:
     """ASGI middleware in front of everything.
 
-    The Host header must be a literal address, `localhost`, the bound host, this machine's name or one of `names`: a
-    foreign name that was made to resolve here is turned away. On a loopback address only loopback names hold.
+    The Host header must be a literal address, `localhost`, the bound host, this machine's name or one of `names`: this
+    rejects DNS rebinding. A loopback address accepts loopback names only.
     """
 
     def __init__(self, app: ASGIApp, *, host: str, token: str | None, names: Iterable[str] = ()) -> None:
@@ -70,7 +70,7 @@ class Guard:
             self._names |= {socket.gethostname().lower(), socket.getfqdn().lower()}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Answer for the application where the request may not pass."""
+        """Answer a request that is refused, pass on the others."""
         if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
@@ -91,9 +91,9 @@ class Guard:
         if self._token is None:
             return None
         if self._is_token(query.get("token", "")):
-            return self._welcome(scope["path"], query)
+            return self._redirect_with_cookie(scope["path"], query)
         scheme, _, credential = headers.get("authorization", "").partition(" ")
-        if (scheme.lower() == "bearer" and self._is_token(credential)) or self._is_welcome(headers.get("cookie", "")):
+        if (scheme.lower() == "bearer" and self._is_token(credential)) or self._has_cookie(headers.get("cookie", "")):
             return None
         hint = "token needed: open /?token=... once, or send it as `Authorization: Bearer ...`\n"
         return PlainTextResponse(hint, 401, {"WWW-Authenticate": "Bearer"})
@@ -109,15 +109,15 @@ class Guard:
         assert self._token is not None
         return hmac.compare_digest(_digest(offered.encode()), _digest(self._token))
 
-    def _is_welcome(self, cookie_header: str) -> bool:
+    def _has_cookie(self, cookie_header: str) -> bool:
         try:
             cookie = SimpleCookie(cookie_header).get(COOKIE)
         except CookieError:
             return False
         return cookie is not None and hmac.compare_digest(cookie.value.encode(), self._cookie.encode())
 
-    def _welcome(self, path: str, query: QueryParams) -> Response:
-        """Turn the token in an address, where it would stay visible, into a cookie that scripts cannot read."""
+    def _redirect_with_cookie(self, path: str, query: QueryParams) -> Response:
+        """Move the token from the address, where it stays visible, into a cookie that scripts cannot read."""
         rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
         response = RedirectResponse("/" + path.lstrip("/") + ("?" + rest if rest else ""), 303)
         response.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
@@ -138,5 +138,5 @@ def _without_port(host_header: str) -> str:
 
 
 def _digest(text: bytes) -> bytes:
-    """Return bytes of equal length, so that a comparison tells nothing of the length either."""
+    """Return bytes of equal length, so that the time of a comparison does not reveal the length."""
     return hashlib.sha256(text).digest()

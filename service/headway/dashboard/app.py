@@ -1,4 +1,4 @@
-"""The page and what it asks for."""
+"""The web application: the page and its requests."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,25 +13,27 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
-from headway.dashboard.access import Guard
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.access import AccessControl
+from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.sse import EventStream
-from headway.dashboard.view_state import statement_row
+from headway.dashboard.view_state import update_row
 from headway_schemas.keys import is_id
 from headway_schemas.query import AlertsQuery
 
 VIEWER_LIMIT: Final = 64
 EVIDENCE_FIRST: Final = 2
 EVIDENCE_LAST: Final = 8
-"""An event that goes on for long is shown with the evidence of its first and its last statements."""
+"""A long event is shown with the evidence of its first and its last updates."""
 _SHOWN_IN_FULL: Final = {"evidence": {"checkpoint", "parameters"}}
 _SHOWN_BRIEFLY: Final = {"evidence"}
 _STATIC: Final = Path(__file__).with_name("static")
 
 
-def create_app(hub: Hub, *, host: str = "127.0.0.1", token: str | None = None, names: Iterable[str] = ()) -> Starlette:
-    """Make the application that shows what `hub` knows."""
-    page = _Page(hub)
+def create_app(
+    broadcaster: Broadcaster, *, host: str = "127.0.0.1", token: str | None = None, names: Iterable[str] = ()
+) -> Starlette:
+    """Return the application that shows the state of a broadcaster."""
+    page = _Page(broadcaster)
     return Starlette(
         routes=[
             Route("/", page.index),
@@ -40,39 +42,39 @@ def create_app(hub: Hub, *, host: str = "127.0.0.1", token: str | None = None, n
             Route("/event/{event_id}", page.event),
             Mount("/static", StaticFiles(directory=_STATIC)),
         ],
-        middleware=[Middleware(Guard, host=host, token=token, names=names)],
+        middleware=[Middleware(AccessControl, host=host, token=token, names=names)],
     )
 
 
 class _Page:
-    """Answers from one hub."""
+    """Answers from one broadcaster."""
 
-    def __init__(self, hub: Hub) -> None:
-        self._hub = hub
+    def __init__(self, broadcaster: Broadcaster) -> None:
+        self._broadcaster = broadcaster
 
     async def index(self, _: Request) -> Response:
         return FileResponse(_STATIC / "index.html")
 
     async def stream(self, request: Request) -> ASGIApp:
-        if self._hub.viewers >= VIEWER_LIMIT:
+        if self._broadcaster.viewers >= VIEWER_LIMIT:
             return PlainTextResponse(f"{VIEWER_LIMIT} viewers are the most\n", 503)
         last = request.headers.get("last-event-id", "")
-        return EventStream(self._hub, int(last) if last.isascii() and last.isdigit() else 0)
+        return EventStream(self._broadcaster, int(last) if last.isascii() and last.isdigit() else 0)
 
     async def history(self, request: Request) -> Response:
-        asked = dict(request.query_params)
-        site = asked.pop("site", None)
-        if site is not None and site not in self._hub.sites:
-            return PlainTextResponse(f"site: one of {', '.join(self._hub.sites)}\n", 400)
+        parameters = dict(request.query_params)
+        site = parameters.pop("site", None)
+        if site is not None and site not in self._broadcaster.sites:
+            return PlainTextResponse(f"site: one of {', '.join(self._broadcaster.sites)}\n", 400)
         try:
-            query = AlertsQuery.from_parameters(asked)
+            query = AlertsQuery.from_parameters(parameters)
         except ValidationError as error:
             problem = error.errors()[0]
             return PlainTextResponse(f"{problem['loc'][0]}: {problem['msg']}\n", 400)
-        found = await self._hub.history(self._hub.sites if site is None else (site,), query)
+        found = await self._broadcaster.history(self._broadcaster.sites if site is None else (site,), query)
         return JSONResponse(
             {
-                "statements": [statement_row(event) for event in found.events],
+                "updates": [update_row(event) for event in found.events],
                 "answers": found.answers,
                 "problems": found.problems,
             }
@@ -80,17 +82,17 @@ class _Page:
 
     async def event(self, request: Request) -> Response:
         event_id = request.path_params["event_id"]
-        statements = await self._hub.event(event_id) if is_id(event_id) else []
-        if not statements:
+        updates = await self._broadcaster.event(event_id) if is_id(event_id) else []
+        if not updates:
             return PlainTextResponse("no such event\n", 404)
         return JSONResponse(
             [
                 event.model_dump(mode="json", exclude=_SHOWN_BRIEFLY if brief else _SHOWN_IN_FULL)
-                for event, brief in zip(statements, _brief(len(statements)), strict=True)
+                for event, brief in zip(updates, _brief(len(updates)), strict=True)
             ]
         )
 
 
-def _brief(statements: int) -> list[bool]:
-    """Say which of so many statements are shown without evidence: those amid an event that goes on for long."""
-    return [EVIDENCE_FIRST <= i < statements - EVIDENCE_LAST for i in range(statements)]
+def _brief(updates: int) -> list[bool]:
+    """Return which updates are shown without evidence: those in the middle of a long event."""
+    return [EVIDENCE_FIRST <= i < updates - EVIDENCE_LAST for i in range(updates)]

@@ -1,4 +1,4 @@
-"""From the feed to any number of browsers: a turn takes what came, and each browser is told what it has not seen."""
+"""From the feed to any number of browsers: each one receives what changed since its last frame."""
 
 import asyncio
 import json
@@ -8,11 +8,11 @@ from dataclasses import asdict
 from typing import Final
 
 from headway.client import Feed, History
-from headway.dashboard.view_state import Board
+from headway.dashboard.view_state import ViewState
 from headway_schemas import Event, Phase
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
-TURN_S: Final = 0.2
+REFRESH_S: Final = 0.2
 _CATCH_UP: Final = AlertsQuery(limit=500)
 _RETRY_S: Final = (1.0, 2.0, 5.0, 10.0, 30.0)
 
@@ -22,8 +22,8 @@ def wall_us() -> int:
     return time.time_ns() // 1000
 
 
-class Hub:
-    """Owns the feed and the board."""
+class Broadcaster:
+    """Owns the feed and the view state."""
 
     def __init__(self, feed: Feed, sites: Sequence[str], now_us: Callable[[], int] = wall_us) -> None:
         self.sites = tuple(sites)
@@ -31,29 +31,29 @@ class Hub:
         self.viewers = 0
         self.revision = 0
         self._feed = feed
-        self._board = Board()
+        self._view_state = ViewState()
         self._now_us = now_us
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
         self._frames: dict[int, bytes] = {}
 
     async def run(self) -> None:
-        """Turn until cancelled, and fetch what happened while nobody listened."""
+        """Refresh until cancelled, and fetch the events from before the start and of gaps."""
         self._feed.start()
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._catch_up())
                 while True:
-                    self.turn()
-                    await asyncio.sleep(TURN_S)
+                    self.refresh()
+                    await asyncio.sleep(REFRESH_S)
         finally:
             await asyncio.to_thread(self._feed.close)
 
-    def turn(self) -> None:
-        """Take what came since the last turn and wake the viewers; an empty frame tells them that the line is up."""
+    def refresh(self) -> None:
+        """Apply the new messages and wake the viewers; an empty frame shows them that the connection is up."""
         self.revision = max(self._now_us(), self.revision + 1)
-        for heard in self._feed.drain():
-            self._board.take(heard, self.revision)
-        self._board.forget(self.revision)
+        for received in self._feed.drain():
+            self._view_state.apply(received, self.revision)
+        self._view_state.evict(self.revision)
         self._frames.clear()
         self._wake()
 
@@ -62,57 +62,57 @@ class Hub:
         if since > self.revision:
             since = 0
         if since not in self._frames:
-            news = {
+            changes = {
                 "now_us": self.revision,
                 "sites": self.sites,
-                "link": asdict(self._feed.link),
-                **self._board.delta(since),
+                "connection": asdict(self._feed.connection),
+                **self._view_state.delta(since),
             }
-            data = json.dumps(news, separators=(",", ":"), allow_nan=False)
+            data = json.dumps(changes, separators=(",", ":"), allow_nan=False)
             self._frames[since] = f"id: {self.revision}\ndata: {data}\n\n".encode()
         return self._frames[since]
 
-    async def news(self, since: int) -> None:
+    async def wait_for_change(self, since: int) -> None:
         """Wait for another revision than `since`, or the end."""
         while self.revision == since and not self.closed:
-            await self._news.wait()
+            await self._changed.wait()
 
     def close(self) -> None:
-        """Let every viewer go."""
+        """Disconnect every viewer."""
         self.closed = True
         self._wake()
 
     async def history(self, sites: Sequence[str], query: AlertsQuery) -> History:
-        """Ask the journals, without holding up a turn."""
+        """Query the journals without holding up a refresh."""
         return await asyncio.to_thread(self._feed.history, sites, query)
 
     async def event(self, event_id: str) -> list[Event]:
-        """Return every statement known of an event, oldest first; the journals are asked where its onset is not."""
+        """Return every update of an event, oldest first; queries the journals if its onset is not here."""
         if not any(event.phase is Phase.ONSET and event.evidence for event in self._known(event_id)):
             stored = await self.history(self.sites, AlertsQuery(event=event_id, evidence=True, limit=LIMIT_MAX))
             for event in stored.events:
-                self._board.take_event(event, self.revision + 1)
+                self._view_state.apply_event(event, self.revision + 1)
         return sorted(self._known(event_id), key=lambda event: event.detected_us)
 
     async def _catch_up(self) -> None:
-        """Fetch the newest of the history whenever a link or an instance came up: some may not have been heard."""
+        """Fetch the newest history after each connection and each start of an instance: events may be missing."""
         fetched, attempt = (0, 0), 0
         while True:
-            due = (self._feed.link.connections, self._board.arrivals)
-            if due != fetched and self._feed.link.connected:
+            due = (self._feed.connection.connections, self._view_state.instance_starts)
+            if due != fetched and self._feed.connection.connected:
                 history = await self.history(self.sites, _CATCH_UP)
                 for event in reversed(history.events):
-                    self._board.take_event(event, self.revision + 1)
+                    self._view_state.apply_event(event, self.revision + 1)
                 if history.answers:
                     fetched, attempt = due, 0
                 else:
                     await asyncio.sleep(_RETRY_S[min(attempt, len(_RETRY_S) - 1)])
                     attempt += 1
-            await asyncio.sleep(TURN_S)
+            await asyncio.sleep(REFRESH_S)
 
     def _known(self, event_id: str) -> list[Event]:
-        return [event for event in self._board.statements if event.event_id == event_id]
+        return [event for event in self._view_state.updates if event.event_id == event_id]
 
     def _wake(self) -> None:
-        self._news.set()
-        self._news = asyncio.Event()
+        self._changed.set()
+        self._changed = asyncio.Event()

@@ -13,7 +13,7 @@ import uvicorn
 from headway.client import BusFeed, Feed
 from headway.dashboard.access import is_loopback, read_token
 from headway.dashboard.app import create_app
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.broadcast import Broadcaster
 from headway.errors import UserError
 
 STALL_S: Final = 20.0
@@ -37,7 +37,7 @@ def serve(
     Raises
     ------
     UserError
-        The address cannot be had, a token is missing where others than this machine reach it, or an option is unfit.
+        The address is not available, it is public and has no token, or an option is invalid.
     """
     if token_file is None and not is_loopback(host):
         raise UserError(f"{host} is reached from outside: name a file that holds a token with --token-file")
@@ -54,12 +54,12 @@ def serve(
 
 
 class Server(uvicorn.Server):
-    """Runs the hub for as long as the page is served."""
+    """Runs the broadcaster while the page is served."""
 
     def __init__(self, feed: Feed, sites: Sequence[str], host: str, token: str | None, names: Sequence[str]) -> None:
-        self.hub = Hub(feed, sites)
-        app = create_app(self.hub, host=host, token=token, names=names)
-        # The access log would keep the token of a first visit, and a proxy's headers are nobody's word here.
+        self.broadcaster = Broadcaster(feed, sites)
+        app = create_app(self.broadcaster, host=host, token=token, names=names)
+        # The access log would contain the token of a first visit. The headers of a proxy are not verified.
         config = uvicorn.Config(
             app,
             access_log=False,
@@ -72,14 +72,14 @@ class Server(uvicorn.Server):
         super().__init__(config)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Start, the hub with it: when that ends by itself, it failed, and so does the server."""
+        """Start with the broadcaster; if that ends by itself it has failed, and the server stops."""
         await super().startup(sockets)
-        self._running = asyncio.create_task(self.hub.run())
+        self._running = asyncio.create_task(self.broadcaster.run())
         self._running.add_done_callback(lambda _: setattr(self, "should_exit", True))
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """Stop, the viewers first: their connections end only when they are let go."""
-        self.hub.close()
+        """Stop; the viewers first, because their connections stay open until the broadcaster closes."""
+        self.broadcaster.close()
         await super().shutdown(sockets)
         self._running.cancel()
         with contextlib.suppress(asyncio.CancelledError):
@@ -87,7 +87,7 @@ class Server(uvicorn.Server):
 
 
 def bind(host: str, port: int, stall_s: float = STALL_S) -> socket.socket:
-    """Listen; a browser that takes nothing for `stall_s` is dropped by the kernel, with all that waits for it."""
+    """Listen; the kernel drops a connection, with its buffers, if the browser takes nothing for `stall_s`."""
     try:
         family, *_, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listener = socket.create_server(address, family=family)

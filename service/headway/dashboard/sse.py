@@ -4,36 +4,35 @@ import asyncio
 
 from starlette.types import Receive, Scope, Send
 
-from headway.dashboard.broadcast import Hub
+from headway.dashboard.broadcast import Broadcaster
 
 
 class EventStream:
-    """ASGI response: frames for as long as the browser takes them.
+    """ASGI response: frames until the browser disconnects.
 
-    There is no queue. While a browser is slow to take a frame, what changes stays on the board, and its next frame
-    holds the newest of everything.
+    There is no queue. A slow browser skips frames, and its next frame holds the newest state.
     """
 
-    def __init__(self, hub: Hub, since: int) -> None:
-        self._hub = hub
+    def __init__(self, broadcaster: Broadcaster, since: int) -> None:
+        self._broadcaster = broadcaster
         self._since = since
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Send until the browser leaves or the hub closes."""
+        """Send until the browser disconnects or the broadcaster closes."""
         del scope
         headers = [(b"content-type", b"text/event-stream")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
         gone = asyncio.create_task(_gone(receive))
-        self._hub.viewers += 1
+        self._broadcaster.viewers += 1
         try:
             await _send(send, b"retry: 1000\n\n")
-            while not self._hub.closed and not gone.done():
-                await self._hub.news(self._since)
-                frame, self._since = self._hub.frame(self._since), self._hub.revision
+            while not self._broadcaster.closed and not gone.done():
+                await self._broadcaster.wait_for_change(self._since)
+                frame, self._since = self._broadcaster.frame(self._since), self._broadcaster.revision
                 await _send(send, frame)
             await _send(send, b"", more=False)
         finally:
-            self._hub.viewers -= 1
+            self._broadcaster.viewers -= 1
             gone.cancel()
 
 

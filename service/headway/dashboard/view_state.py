@@ -1,23 +1,23 @@
-"""What the views know: the newest state of every pair, the statements about events, the health of every instance.
+"""The state behind the views: the newest state of each pair, event updates, the health of each instance.
 
-Everything carries the revision at which it came. A viewer keeps the revision it was told last and is told what came
-since: however slow it is there is no queue to grow, and a pair that changed ten times is told once.
+Each entry carries the revision at which it changed. A viewer keeps the revision of its last frame and receives the
+changes since. So a slow viewer needs no queue, and a pair that changed ten times is sent once.
 """
 
 from collections import OrderedDict
 from collections.abc import Hashable, Iterator
 from typing import Any, Final, Generic, TypeAlias, TypeVar
 
-from headway.client import Heard
+from headway.client import SiteMessage
 from headway_schemas import Event, Health, PairState, RejectedCopy
 
 Row: TypeAlias = dict[str, Any]
 
 PAIR_LIMIT: Final = 20_000
-PAIR_FORGET_US: Final = 60_000_000
-STATEMENT_LIMIT: Final = 2_000
+PAIR_TTL_US: Final = 60_000_000
+UPDATE_LIMIT: Final = 2_000
 INSTANCE_LIMIT: Final = 64
-INSTANCE_FORGET_US: Final = 600_000_000
+INSTANCE_TTL_US: Final = 600_000_000
 COPY_LIMIT: Final = 50
 
 PAIR_COLUMNS: Final = (
@@ -36,7 +36,7 @@ V = TypeVar("V")
 
 
 class Table(Generic[K, V]):
-    """Values by key in the order of their last change; at `limit` the stalest gives way."""
+    """Values by key in the order of their last change; above `limit` the oldest is evicted."""
 
     def __init__(self, limit: int) -> None:
         self._limit = limit
@@ -59,7 +59,7 @@ class Table(Generic[K, V]):
             self._entries.popitem(last=False)
 
     def since(self, revision: int) -> list[V]:
-        """Return what changed after `revision`, stalest first."""
+        """Return what changed after `revision`, oldest first."""
         newest_first: list[V] = []
         for changed, value in reversed(self._entries.values()):
             if changed <= revision:
@@ -67,69 +67,69 @@ class Table(Generic[K, V]):
             newest_first.append(value)
         return newest_first[::-1]
 
-    def forget(self, revision: int) -> None:
-        """Drop what has not changed after `revision`."""
+    def evict(self, revision: int) -> None:
+        """Evict what has not changed after `revision`."""
         while self._entries and next(iter(self._entries.values()))[0] <= revision:
             self._entries.popitem(last=False)
 
     def __iter__(self) -> Iterator[V]:
-        """Go through the values, stalest first."""
+        """Iterate over the values, oldest first."""
         return (value for _, value in self._entries.values())
 
 
-class Board:
-    """The tables. A revision is the instant of a turn, in microseconds, so age and order are one number."""
+class ViewState:
+    """The tables. A revision is the time of a refresh in microseconds, so it gives both age and order."""
 
     def __init__(self) -> None:
         self.pairs: Table[tuple[str, str], tuple[Any, ...]] = Table(PAIR_LIMIT)
         """Values of `PAIR_COLUMNS` by site and follower."""
-        self.statements: Table[tuple[str, str, str, int], Event] = Table(STATEMENT_LIMIT)
+        self.updates: Table[tuple[str, str, str, int], Event] = Table(UPDATE_LIMIT)
         self.instances: Table[tuple[str, str], Row] = Table(INSTANCE_LIMIT)
         self.copies: Table[int, Row] = Table(COPY_LIMIT)
-        self.arrivals = 0
-        """Instances that came new or came back: each may have a history that was not heard."""
-        self._copies_heard = 0
+        self.instance_starts = 0
+        """Starts of instances, new or again: each may have events from before."""
+        self._copies_received = 0
 
-    def take(self, heard: Heard, revision: int) -> None:
-        """Take in one message."""
-        match heard.message:
+    def apply(self, received: SiteMessage, revision: int) -> None:
+        """Apply one message."""
+        match received.message:
             case PairState() as state:
                 self.pairs.put((state.site, state.follower), pair_row(state), revision)
             case Event() as event:
-                self.take_event(event, revision)
+                self.apply_event(event, revision)
             case Health() as health:
-                self._take_health(health, revision)
+                self._apply_health(health, revision)
             case RejectedCopy() as copy:
-                self._copies_heard += 1
-                self.copies.put(self._copies_heard, copy_row(heard.site, copy), revision)
+                self._copies_received += 1
+                self.copies.put(self._copies_received, copy_row(received.site, copy), revision)
 
-    def take_event(self, event: Event, revision: int) -> None:
-        """Take in a statement, heard or from a history; one that is known already only gains evidence."""
+    def apply_event(self, event: Event, revision: int) -> None:
+        """Apply an event update, live or from the history; a known one only gains evidence."""
         key = (event.site, event.event_id, event.phase, event.detected_us)
-        known = self.statements.get(key)
+        known = self.updates.get(key)
         if known is None or (known.evidence is None and event.evidence is not None):
-            self.statements.put(key, event, revision)
+            self.updates.put(key, event, revision)
 
-    def forget(self, revision: int) -> None:
-        """Drop the pairs and instances that have been quiet for long."""
-        self.pairs.forget(revision - PAIR_FORGET_US)
-        self.instances.forget(revision - INSTANCE_FORGET_US)
+    def evict(self, revision: int) -> None:
+        """Evict pairs and instances that have been silent for their time to live."""
+        self.pairs.evict(revision - PAIR_TTL_US)
+        self.instances.evict(revision - INSTANCE_TTL_US)
 
     def delta(self, since: int) -> Row:
         """Return what changed after the revision `since`; 0 gives everything."""
         return {
             "pairs": {"columns": PAIR_COLUMNS, "rows": self.pairs.since(since)},
-            "statements": [statement_row(event) for event in self.statements.since(since)],
+            "updates": [update_row(event) for event in self.updates.since(since)],
             "instances": self.instances.since(since),
             "copies": self.copies.since(since),
         }
 
-    def _take_health(self, health: Health, revision: int) -> None:
+    def _apply_health(self, health: Health, revision: int) -> None:
         key = (health.site, health.instance)
         before = self.instances.get(key)
         row = health.model_dump(mode="json", include=_HEALTH_SHOWN)
         if before is None or before["uptime_s"] > row["uptime_s"]:
-            self.arrivals += 1
+            self.instance_starts += 1
             before = row
         self.instances.put(key, row | {"rates_hz": _rates(before, row)}, revision)
 
@@ -139,8 +139,8 @@ def pair_row(state: PairState) -> tuple[Any, ...]:
     return tuple(getattr(state, column) for column in PAIR_COLUMNS)
 
 
-def statement_row(event: Event) -> Row:
-    """Return a statement without its evidence, which is asked for by event."""
+def update_row(event: Event) -> Row:
+    """Return an event update without its evidence, which `/event/{event_id}` gives."""
     return event.model_dump(mode="json", exclude={"evidence"}) | {"has_evidence": event.evidence is not None}
 
 

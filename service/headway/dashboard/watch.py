@@ -1,4 +1,4 @@
-"""`headway watch`: the same as the page, for a shell; lines where nobody looks at a screen."""
+"""`headway watch`: the page for a terminal; lines of text when the output is no terminal."""
 
 import json
 import os
@@ -15,17 +15,17 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from headway.client import BusFeed, Feed, Link
+from headway.client import BusFeed, Connection, Feed
 from headway.dashboard.broadcast import wall_us
-from headway.dashboard.view_state import PAIR_COLUMNS, Board, Row
+from headway.dashboard.view_state import PAIR_COLUMNS, Row, ViewState
 from headway_schemas.query import AlertsQuery
 
-TURN_S: Final = 0.5
+REFRESH_S: Final = 0.5
 _ALERTS_SHOWN: Final = 12
-_HISTORY_TRIES: Final = 20
+_HISTORY_ATTEMPTS: Final = 20
 _HEALTH_EVERY_US: Final = 10_000_000
-_LOOK: Final = {"anomalous": "bold red", "silent": "magenta", "warming": "bright_black", "normal": "cyan"}
-_URGENCY: Final = tuple(_LOOK)
+_STYLES: Final = {"anomalous": "bold red", "silent": "magenta", "warming": "bright_black", "normal": "cyan"}
+_URGENCY: Final = tuple(_STYLES)
 
 
 def watch(
@@ -37,15 +37,15 @@ def watch(
     as_json: bool = False,
     stop: threading.Event | None = None,
 ) -> None:
-    """Show what the service tells until SIGINT, or until `stop` is set.
+    """Show what the service publishes until SIGINT, or until `stop` is set.
 
-    On a terminal this is a live view. Elsewhere it is a line for each alert and each report of health, from now on;
-    with `as_json` the lines are JSON objects that say their `type`: `statement`, `health` or `rejected`.
+    On a terminal this is a live view. Elsewhere it prints a line for each event update and health report from now on.
+    With `as_json` each line is a JSON object with a `type`: `event`, `health` or `rejected`.
 
     Raises
     ------
     UserError
-        An option is unfit.
+        An option is invalid.
     """
     feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)
     console = Console()
@@ -57,11 +57,11 @@ def watch(
         if live:
             _show(watcher, console, ended)
         else:
-            _tell(watcher, as_json, ended)
+            _print_lines(watcher, as_json, ended)
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:
-        # Whoever read the lines has enough; what Python still holds for standard output has nowhere to go.
+        # The reader of the lines has closed; discard what Python still buffers for standard output.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
     finally:
         feed.close()
@@ -69,100 +69,110 @@ def watch(
 
 @dataclass(slots=True)
 class Watcher:
-    """A board kept up from a feed, in one thread."""
+    """A view state that is refreshed from a feed, in one thread."""
 
     feed: Feed
     sites: Sequence[str]
     since_us: int
-    """History before this instant is not asked for."""
-    board: Board = field(default_factory=Board)
+    """The history before this time is not fetched."""
+    view_state: ViewState = field(default_factory=ViewState)
     revision: int = 0
     _caught_up: int = 0
-    _tries: int = 0
+    _attempts: int = 0
 
-    def turn(self) -> Row:
-        """Take what came and return what is new."""
+    def refresh(self) -> Row:
+        """Apply the new messages and return what changed."""
         before, self.revision = self.revision, max(wall_us(), self.revision + 1)
-        for heard in self.feed.drain():
-            self.board.take(heard, self.revision)
+        for received in self.feed.drain():
+            self.view_state.apply(received, self.revision)
         self._catch_up()
-        self.board.forget(self.revision)
-        return self.board.delta(before)
+        self.view_state.evict(self.revision)
+        return self.view_state.delta(before)
 
     def _catch_up(self) -> None:
-        """Ask for what happened while the link was down; a journal may take a moment to be found."""
-        link = self.feed.link
-        if not link.connected or link.connections == self._caught_up:
+        """Fetch the events since the last connection; a journal may take a moment to be found."""
+        connection = self.feed.connection
+        if not connection.connected or connection.connections == self._caught_up:
             return
         history = self.feed.history(self.sites, AlertsQuery(from_us=self.since_us or None, limit=200))
         for event in reversed(history.events):
-            self.board.take_event(event, self.revision)
-        self._tries += 1
-        if history.answers or self._tries >= _HISTORY_TRIES:
-            self._caught_up, self._tries = link.connections, 0
+            self.view_state.apply_event(event, self.revision)
+        self._attempts += 1
+        if history.answers or self._attempts >= _HISTORY_ATTEMPTS:
+            self._caught_up, self._attempts = connection.connections, 0
 
 
-def _tell(watcher: Watcher, as_json: bool, ended: threading.Event) -> None:
-    health_told_us = 0
+def _print_lines(watcher: Watcher, as_json: bool, ended: threading.Event) -> None:
+    health_printed_us = 0
     while not ended.is_set():
-        news = watcher.turn()
+        changes = watcher.refresh()
         if as_json:
-            lines = json_lines(news)
+            lines = json_lines(changes)
         else:
-            if watcher.revision - health_told_us < _HEALTH_EVERY_US:
-                news["instances"] = []
-            elif news["instances"]:
-                health_told_us = watcher.revision
-            lines = plain_lines(news)
+            if watcher.revision - health_printed_us < _HEALTH_EVERY_US:
+                changes["instances"] = []
+            elif changes["instances"]:
+                health_printed_us = watcher.revision
+            lines = plain_lines(changes)
         for line in lines:
             sys.stdout.write(line + "\n")
         sys.stdout.flush()
-        ended.wait(TURN_S)
+        ended.wait(REFRESH_S)
 
 
 def _show(watcher: Watcher, console: Console, ended: threading.Event) -> None:
     with Live(console=console, screen=True, auto_refresh=False) as live:
         while not ended.is_set():
-            watcher.turn()
-            live.update(screen(watcher.board, watcher.feed.link, watcher.revision, console.height), refresh=True)
-            ended.wait(TURN_S)
+            watcher.refresh()
+            live.update(
+                screen(watcher.view_state, watcher.feed.connection, watcher.revision, console.height), refresh=True
+            )
+            ended.wait(REFRESH_S)
 
 
-def json_lines(news: Row) -> Iterator[str]:
-    """Return what is new as JSON objects."""
-    for kind, table in (("statement", "statements"), ("health", "instances"), ("rejected", "copies")):
-        for row in news[table]:
+def json_lines(changes: Row) -> Iterator[str]:
+    """Yield what changed as JSON objects."""
+    for kind, table in (("event", "updates"), ("health", "instances"), ("rejected", "copies")):
+        for row in changes[table]:
             yield json.dumps({"type": kind} | row)
 
 
-def plain_lines(news: Row) -> Iterator[str]:
-    """Return what is new as lines of words."""
-    for s in news["statements"]:
+def plain_lines(changes: Row) -> Iterator[str]:
+    """Yield what changed as lines of text."""
+    for s in changes["updates"]:
         yield (
             f"{_clock(s['detected_us'])} {s['site']} {s['phase']} {s['kind']} {s['sensor']} {s['suspect']}"
             f" {_behind(s['leader'])}, statistic {_number(s['statistic'])} gate {_number(s['gate'])}"
         )
-    for h in news["instances"]:
+    for h in changes["instances"]:
         yield f"{_clock(h['t_us'])} {h['site']} health {h['instance']} {_health(h)}"
 
 
-def screen(board: Board, link: Link, now_us: int, height: int) -> RenderableType:
+def screen(view_state: ViewState, connection: Connection, now_us: int, height: int) -> RenderableType:
     """Return the live view for a terminal of so many lines."""
-    instances = _instances(board)
-    alerts = _alerts(board, now_us)
-    room = height - len(board.instances) - min(len(alerts.rows), _ALERTS_SHOWN) - 9
-    return Group(_line(link), instances, alerts, _pairs(board, max(room, 3)))
+    instances = _instances(view_state)
+    alerts = _alerts(view_state, now_us)
+    room = height - len(view_state.instances) - min(len(alerts.rows), _ALERTS_SHOWN) - 9
+    return Group(_line(connection), instances, alerts, _pairs(view_state, max(room, 3)))
 
 
-def _line(link: Link) -> Text:
-    up = Text(" connected ", "black on green") if link.connected else Text(" no contact with the bus ", "white on red")
-    trouble = f"  {link.dropped} not shown, {link.unreadable} unreadable" if link.dropped or link.unreadable else ""
+def _line(connection: Connection) -> Text:
+    up = (
+        Text(" connected ", "black on green")
+        if connection.connected
+        else Text(" no contact with the bus ", "white on red")
+    )
+    trouble = (
+        f"  {connection.dropped} not shown, {connection.unreadable} unreadable"
+        if connection.dropped or connection.unreadable
+        else ""
+    )
     return Text.assemble(("headway ", "bold"), up, (trouble, "yellow"))
 
 
-def _instances(board: Board) -> Table:
+def _instances(view_state: ViewState) -> Table:
     table = _table("site", "instance", "", "vehicles", "scored/s", "p50 ms", "p99 ms", "queue", "rejected", "lost")
-    for h in board.instances:
+    for h in view_state.instances:
         ready = Text("ready", "green") if h["ready"] else Text("not ready", "red")
         rates, latency = h["rates_hz"], h["latency_ms"]
         table.add_row(
@@ -173,25 +183,25 @@ def _instances(board: Board) -> Table:
     return table
 
 
-def _alerts(board: Board, now_us: int) -> Table:
+def _alerts(view_state: ViewState, now_us: int) -> Table:
     table = _table("alert", "site", "kind", "sensor", "suspect", "behind", "statistic", "gate", "")
-    newest = {event.event_id: event for event in sorted(board.statements, key=lambda event: event.detected_us)}
+    newest = {event.event_id: event for event in sorted(view_state.updates, key=lambda event: event.detected_us)}
     for event in sorted(newest.values(), key=lambda event: event.detected_us, reverse=True)[:_ALERTS_SHOWN]:
         open_now = event.phase != "cleared" and now_us - event.detected_us < 60_000_000
         table.add_row(
             _clock(event.detected_us), event.site, event.kind, event.sensor, event.suspect, event.leader or "-",
-            _number(event.statistic), _number(event.gate), event.phase, style=_LOOK["anomalous"] if open_now else "",
+            _number(event.statistic), _number(event.gate), event.phase, style=_STYLES["anomalous"] if open_now else "",
         )  # fmt: skip
     return table
 
 
-def _pairs(board: Board, room: int) -> Table:
-    rows = [dict(zip(PAIR_COLUMNS, row, strict=True)) for row in board.pairs]
+def _pairs(view_state: ViewState, room: int) -> Table:
+    rows = [dict(zip(PAIR_COLUMNS, row, strict=True)) for row in view_state.pairs]
     rows.sort(key=lambda r: (_URGENCY.index(r["standing"]), -(r["statistic"] or 0.0), r["follower"]))
     table = _table("vehicle", "site", "state", "behind", "gap m", "speed m/s", "statistic", "gate")
     for r in rows[:room]:
         table.add_row(
-            r["follower"], r["site"], Text(r["standing"], _LOOK[r["standing"]]), r["leader"] or "-",
+            r["follower"], r["site"], Text(r["standing"], _STYLES[r["standing"]]), r["leader"] or "-",
             _number(r["gap_m"]), _number(r["v_mps"]), _number(r["statistic"]), _number(r["gate"]),
         )  # fmt: skip
     if len(rows) > room:

@@ -91,7 +91,7 @@ def on_bus(event_id: str, endpoint: str, site: str) -> list[Event]:
     feed.start()
     try:
         give_up_s = time.monotonic() + _CONNECT_S
-        while not feed.link.connected and time.monotonic() < give_up_s:
+        while not feed.connection.connected and time.monotonic() < give_up_s:
             time.sleep(0.05)
         found = feed.history([site], asked)
     finally:

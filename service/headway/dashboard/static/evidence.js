@@ -24,10 +24,10 @@ export class EvidencePanel {
     this.#shown = "";
   }
 
-  /** Asks for the event again while statements come in, once a second at most. */
+  /** Asks for the event again while updates come in, once a second at most. */
   async refresh(nowMs) {
     const event = this.#store.events.get(this.#event);
-    const newest = event && `${event.id} ${event.statements.length}`;
+    const newest = event && `${event.id} ${event.updates.length}`;
     if (!event || newest === this.#shown || nowMs - this.#askedMs < REFRESH_MS) return;
     this.#askedMs = nowMs;
     const answer = await fetch(`/event/${encodeURIComponent(event.id)}`).catch(() => null);
@@ -36,26 +36,26 @@ export class EvidencePanel {
     this.#show(await answer.json(), this.#store.pairs.get(`${event.site}/${event.last.suspect}`));
   }
 
-  #show(statements, pair) {
-    const judged = statements.findLast((s) => s.phase !== "cleared") ?? statements.at(-1);
-    const zero_s = statements[0].t_us / 1e6;
-    const readings = readingsOf(statements);
-    setText($("evidence-of"), `${judged.suspect} · ${judged.site} · ${stamp(statements[0].detected_us)}`);
-    setText($("verdict"), verdict(judged, statements));
+  #show(updates, pair) {
+    const judged = updates.findLast((s) => s.phase !== "cleared") ?? updates.at(-1);
+    const zero_s = updates[0].t_us / 1e6;
+    const readings = readingsOf(updates);
+    setText($("evidence-of"), `${judged.suspect} · ${judged.site} · ${stamp(updates[0].detected_us)}`);
+    setText($("verdict"), verdict(judged, updates));
     $("plots").replaceChildren(
-      plot({ title: "Speed", unit: "m/s", series: speedSeries(readings, statements, zero_s) }),
-      plot(placeSeries(readings, statements, zero_s)),
-      plot({ title: "Statistic", unit: "", log: true, series: statisticSeries(statements, pair, zero_s) }),
+      plot({ title: "Speed", unit: "m/s", series: speedSeries(readings, updates, zero_s) }),
+      plot(placeSeries(readings, updates, zero_s)),
+      plot({ title: "Statistic", unit: "", log: true, series: statisticSeries(updates, pair, zero_s) }),
     );
-    $("facts").replaceChildren(...Object.entries(facts(judged, statements)).map(([name, value]) =>
+    $("facts").replaceChildren(...Object.entries(facts(judged, updates)).map(([name, value]) =>
       el("div", {}, el("dt", {}, name), el("dd", {}, value))));
   }
 }
 
-/** Readings of all statements, each once, oldest first, as objects. */
-export function readingsOf(statements) {
+/** Readings of all updates, each once, oldest first, as objects. */
+export function readingsOf(updates) {
   const byTime = new Map();
-  for (const { evidence } of statements) {
+  for (const { evidence } of updates) {
     for (const row of evidence?.readings ?? []) {
       const reading = Object.fromEntries(evidence.columns.map((column, i) => [column, row[i]]));
       byTime.set(reading.t_s, reading);
@@ -64,22 +64,22 @@ export function readingsOf(statements) {
   return [...byTime.values()].sort((a, b) => a.t_s - b.t_s);
 }
 
-/** The reading that a statement is about: the newest of its evidence. */
-function judgedReading(statement) {
-  return readingsOf([statement]).at(-1);
+/** The reading that a update is about: the newest of its evidence. */
+function judgedReading(update) {
+  return readingsOf([update]).at(-1);
 }
 
 const known = (points) => points.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y) && x !== null && y !== null);
 
-export function speedSeries(readings, statements, zero_s) {
+export function speedSeries(readings, updates, zero_s) {
   const at = (reading) => reading.t_s - zero_s;
   const read = known(readings.map((r) => [at(r), r.v_mps]));
   const leader = known(readings.filter((r) => r.leader_v_mps !== null).map((r) => [r.leader_t_s - zero_s, r.leader_v_mps]));
-  const predicted = statements.flatMap((s) => {
+  const predicted = updates.flatMap((s) => {
     const reading = judgedReading(s);
     return reading && s.innovation ? [[at(reading), reading.v_mps - s.innovation.v_mps]] : [];
   });
-  const recovered = statements.filter((s) => s.recovered?.v_mps != null)
+  const recovered = updates.filter((s) => s.recovered?.v_mps != null)
     .map((s) => [s.t_us / 1e6 - zero_s, s.recovered.v_mps, s.recovered.v_std_mps ?? 0]);
   return [
     { name: "leader", look: "leader", draw: "lines", points: leader },
@@ -90,17 +90,17 @@ export function speedSeries(readings, statements, zero_s) {
 }
 
 /** Bumper to bumper behind a leader; on a free road, how far from where steady driving would be. */
-export function placeSeries(readings, statements, zero_s) {
+export function placeSeries(readings, updates, zero_s) {
   const behind = readings.some((r) => r.leader_x_m !== null);
   const place = behind ? gapOf : steadyOf(readings[0]);
   const point = (reading, x_m, sigma) => [reading.t_s - zero_s, place(reading, x_m), sigma];
   const predicted = [], recovered = [];
-  for (const statement of statements) {
-    const reading = judgedReading(statement);
+  for (const update of updates) {
+    const reading = judgedReading(update);
     if (!reading) continue;
-    if (statement.innovation?.x_m != null) predicted.push(point(reading, reading.x_m - statement.innovation.x_m));
-    if (statement.recovered?.x_m != null) {
-      recovered.push(point(reading, statement.recovered.x_m, statement.recovered.x_std_m ?? 0));
+    if (update.innovation?.x_m != null) predicted.push(point(reading, reading.x_m - update.innovation.x_m));
+    if (update.recovered?.x_m != null) {
+      recovered.push(point(reading, update.recovered.x_m, update.recovered.x_std_m ?? 0));
     }
   }
   const ranges = readings.filter((r) => r.range_m !== null).map((r) => [r.t_s - zero_s, r.range_m]);
@@ -124,9 +124,9 @@ function gapOf(reading, x_m) {
 
 const steadyOf = (first) => (reading, x_m) => x_m - first.x_m - first.v_mps * (reading.t_s - first.t_s);
 
-export function statisticSeries(statements, pair, zero_s) {
-  const judged = statements.filter((s) => s.statistic !== null);
-  const end_s = (statements.at(-1).t_us / 1e6) - zero_s;
+export function statisticSeries(updates, pair, zero_s) {
+  const judged = updates.filter((s) => s.statistic !== null);
+  const end_s = (updates.at(-1).t_us / 1e6) - zero_s;
   const around = (pair?.trace ?? []).map(([t_us, statistic]) => [t_us / 1e6 - zero_s, statistic])
     .filter(([t]) => t > -15 && t < end_s + 15);
   const gate = judged.findLast((s) => s.gate !== null)?.gate;
@@ -137,7 +137,7 @@ export function statisticSeries(statements, pair, zero_s) {
   ];
 }
 
-function verdict(judged, statements) {
+function verdict(judged, updates) {
   const behind = judged.leader ? ` behind ${judged.leader}` : ", on a free road";
   const off = judged.innovation && [
     judged.sensor !== "speed" && judged.innovation.x_m !== null && `${number(Math.abs(judged.innovation.x_m))} m`,
@@ -146,13 +146,13 @@ function verdict(judged, statements) {
   const from = off ? `, ${off} from what was predicted` : "";
   const over = judged.statistic !== null && judged.gate !== null
     ? `: statistic ${number(judged.statistic)} over a gate of ${number(judged.gate)}` : "";
-  const lasted = (statements.at(-1).detected_us - statements[0].detected_us) / 1e6;
-  const end = statements.at(-1).phase === "cleared" ? ` Cleared after ${number(lasted)} s.` : "";
+  const lasted = (updates.at(-1).detected_us - updates[0].detected_us) / 1e6;
+  const end = updates.at(-1).phase === "cleared" ? ` Cleared after ${number(lasted)} s.` : "";
   const kind = judged.kind[0].toUpperCase() + judged.kind.slice(1);
   return `${kind} in ${SENSORS[judged.sensor]} of ${judged.suspect}${behind}${from}${over}.${end}`;
 }
 
-function facts(judged, statements) {
+function facts(judged, updates) {
   const latency = Object.entries(judged.latency_us).map(([stage, us]) => `${stage} ${number(us / 1000)}`).join(", ");
   return {
     "p-value": number(judged.p_value),
@@ -161,7 +161,7 @@ function facts(judged, statements) {
     "latency, ms": latency || "–",
     model: judged.model,
     configuration: judged.config_hash,
-    statements: String(statements.length),
+    updates: String(updates.length),
     event: judged.event_id,
   };
 }

@@ -32,11 +32,11 @@ export class History {
       setText($("history-note"), answer ? await answer.text() : "no contact");
       return;
     }
-    const { statements, answers, problems } = await answer.json();
+    const { updates, answers, problems } = await answer.json();
     if (before_us === null) $("history").replaceChildren();
-    $("history").append(...statements.map((statement) => this.#row(statement)));
-    this.#oldest = statements.at(-1)?.detected_us ?? null;
-    $("older").hidden = statements.length < PAGE;
+    $("history").append(...updates.map((update) => this.#row(update)));
+    this.#oldest = updates.at(-1)?.detected_us ?? null;
+    $("older").hidden = updates.length < PAGE;
     setText($("history-note"), this.#note(answers, problems));
     if (answers === 0) setTimeout(() => asked === this.#asked && this.load(this.#filter), RETRY_MS);
   }
@@ -56,16 +56,16 @@ export class History {
     return this.#filter.vehicle ? "Nothing; the vehicle must be a whole id here." : "Nothing.";
   }
 
-  #row(statement) {
-    const open = el("button", { type: "button", "data-event": statement.event_id }, stamp(statement.detected_us));
+  #row(update) {
+    const open = el("button", { type: "button", "data-event": update.event_id }, stamp(update.detected_us));
     open.addEventListener("click", () => {
-      this.#store.statement(statement);
-      this.#choose(statement.event_id);
+      this.#store.update(update);
+      this.#choose(update.event_id);
     });
-    const numbers = [number(statement.statistic), number(statement.gate),
-      statement.confidence === null ? "–" : `${Math.round(statement.confidence * 100)} %`];
+    const numbers = [number(update.statistic), number(update.gate),
+      update.confidence === null ? "–" : `${Math.round(update.confidence * 100)} %`];
     return el("tr", {}, el("td", {}, open),
-      ...[statement.kind, statement.sensor, statement.suspect, statement.leader ?? "–", statement.site].map((text) => el("td", {}, text)),
+      ...[update.kind, update.sensor, update.suspect, update.leader ?? "–", update.site].map((text) => el("td", {}, text)),
       ...numbers.map((text) => el("td", { class: "number" }, text)));
   }
 }

@@ -22,7 +22,7 @@ const road = new Road($("road"), $("tip"), store, (pair) => {
 });
 const renderTiles = tiles($("tiles"));
 const renderLegend = legend($("legend"));
-let heardMs = 0;
+let receivedMs = 0;
 let loaded = 0;
 
 function choose(id) {
@@ -37,15 +37,15 @@ function show(id) {
 }
 
 function take(frame) {
-  heardMs = performance.now();
+  receivedMs = performance.now();
   const changed = store.take(frame);
-  road.heard(heardMs);
+  road.received(receivedMs);
   sites();
   announce(changed);
   render();
   if ($("line").dataset.state !== "up") slow();
-  if (frame.link.connections !== loaded && frame.link.connected) {
-    loaded = frame.link.connections;
+  if (frame.connection.connections !== loaded && frame.connection.connected) {
+    loaded = frame.connection.connections;
     void history.load({ ...filter });
   }
 }
@@ -71,13 +71,13 @@ function slow() {
 }
 
 function line() {
-  const quiet = performance.now() - heardMs > QUIET_MS;
-  const { link } = store;
-  const [state, text] = quiet || !link ? ["down", "no contact with the dashboard"]
-    : !link.connected ? ["down", "dashboard up, no contact with the bus"]
-    : store.instances.size === 0 ? ["waiting", "connected, no instance heard yet"]
+  const quiet = performance.now() - receivedMs > QUIET_MS;
+  const { connection } = store;
+  const [state, text] = quiet || !connection ? ["down", "no contact with the dashboard"]
+    : !connection.connected ? ["down", "dashboard up, no contact with the bus"]
+    : store.instances.size === 0 ? ["waiting", "connected, no instance yet"]
     : ["up", `live, ${[...new Set([...store.instances.values()].map(({ site }) => site))].join(", ")}`];
-  const troubles = link ? [link.dropped && `${link.dropped} not shown`, link.unreadable && `${link.unreadable} unreadable`].filter(Boolean) : [];
+  const troubles = connection ? [connection.dropped && `${connection.dropped} not shown`, connection.unreadable && `${connection.unreadable} unreadable`].filter(Boolean) : [];
   $("line").dataset.state = state;
   setText($("line"), [text, ...troubles].join(", "));
 }

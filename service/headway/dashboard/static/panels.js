@@ -102,7 +102,7 @@ export class AlertList {
 
 export function renderService(store, filter) {
   const shown = [...store.instances.values()].filter(({ site }) => !filter.site || site === filter.site);
-  $("instances").replaceChildren(...(shown.length ? shown.map((health) => instance(health, store.nowUs)) : [none("No instance heard.")]));
+  $("instances").replaceChildren(...(shown.length ? shown.map((health) => instance(health, store.nowUs)) : [none("No instance yet.")]));
   const { rejected, lost } = store.totals(filter);
   $("rejected").replaceChildren(...reasons(rejected));
   $("lost").replaceChildren(...reasons(lost));

@@ -50,7 +50,7 @@ export class Road {
   }
 
   /** New states came: where each vehicle is heading for, from now on. */
-  heard(nowMs) {
+  received(nowMs) {
     for (const pair of this.#store.pairs.values()) {
       if (pair.placed_us === pair.t_us || pair.lat === null || pair.lon === null) continue;
       this.#plane ??= new Plane(pair.lat, pair.lon);

@@ -1,9 +1,9 @@
 // What the page knows. Pure: no document, no clock, no network.
 
-const PAIR_FORGET_US = 60e6;
+const PAIR_TTL_US = 60e6;
 const LAPSE_US = 60e6;
 const EVENTS_MOST = 1000;
-const STATEMENTS_MOST = 200;
+const UPDATES_MOST = 200;
 const TRACE_MOST = 90;
 const TREND_MOST = 120;
 const COPIES_MOST = 30;
@@ -16,9 +16,9 @@ export class Store {
   constructor() {
     this.nowUs = 0;
     this.sites = [];
-    this.link = null;
+    this.connection = null;
     this.pairs = new Map(); // "site/follower" -> the newest state, with a short trace of its statistic
-    this.events = new Map(); // event_id -> {id, site, statements, first, last}
+    this.events = new Map(); // event_id -> {id, site, updates, first, last}
     this.instances = new Map(); // "site/instance" -> health
     this.copies = []; // rejected messages, newest first
     this.trends = { scored_hz: [], p99_ms: [] };
@@ -28,38 +28,38 @@ export class Store {
   take(frame) {
     this.nowUs = frame.now_us;
     this.sites = frame.sites;
-    this.link = frame.link;
+    this.connection = frame.connection;
     const { columns, rows } = frame.pairs;
     for (const row of rows) this.#pair(columns, row);
     for (const [key, pair] of this.pairs) {
-      if (pair.heard_us > this.nowUs - PAIR_FORGET_US) break; // the stalest come first
+      if (pair.received_us > this.nowUs - PAIR_TTL_US) break; // the stalest come first
       this.pairs.delete(key);
     }
-    const changed = new Set(frame.statements.map((statement) => this.statement(statement)));
+    const changed = new Set(frame.updates.map((update) => this.update(update)));
     for (const health of frame.instances) this.instances.set(`${health.site}/${health.instance}`, health);
     if (frame.instances.length) this.#trend();
     if (frame.copies.length) this.copies = [...frame.copies.reverse(), ...this.copies].slice(0, COPIES_MOST);
     return changed;
   }
 
-  /** Takes in one statement, heard or from the history; returns its event. */
-  statement(statement) {
-    const id = statement.event_id;
+  /** Adds one event update, live or from the history; returns its event. */
+  update(update) {
+    const id = update.event_id;
     let event = this.events.get(id);
     if (!event) {
-      event = { id, site: statement.site, statements: [] };
+      event = { id, site: update.site, updates: [] };
       this.events.set(id, event);
       if (this.events.size > EVENTS_MOST) this.events.delete(this.events.keys().next().value);
     }
-    const same = (s) => s.detected_us === statement.detected_us && s.phase === statement.phase;
-    if (!event.statements.some(same)) {
-      event.statements.push(statement);
-      event.statements.sort((a, b) => a.detected_us - b.detected_us);
-      if (event.statements.length > STATEMENTS_MOST) event.statements.splice(1, 1); // the onset stays
+    const same = (s) => s.detected_us === update.detected_us && s.phase === update.phase;
+    if (!event.updates.some(same)) {
+      event.updates.push(update);
+      event.updates.sort((a, b) => a.detected_us - b.detected_us);
+      if (event.updates.length > UPDATES_MOST) event.updates.splice(1, 1); // the onset stays
     }
-    event.first = event.statements[0];
-    event.last = event.statements.at(-1);
-    event.worst = event.statements.reduce((a, b) => ((b.statistic ?? 0) > (a.statistic ?? 0) ? b : a));
+    event.first = event.updates[0];
+    event.last = event.updates.at(-1);
+    event.worst = event.updates.reduce((a, b) => ((b.statistic ?? 0) > (a.statistic ?? 0) ? b : a));
     return event;
   }
 
@@ -102,7 +102,7 @@ export class Store {
     if (state.statistic !== null && trace.at(-1)?.[0] !== state.t_us) trace.push([state.t_us, state.statistic, state.gate]);
     if (trace.length > TRACE_MOST) trace.shift();
     this.pairs.delete(key);
-    this.pairs.set(key, Object.assign(before ?? {}, state, { key, trace, heard_us: this.nowUs }));
+    this.pairs.set(key, Object.assign(before ?? {}, state, { key, trace, received_us: this.nowUs }));
   }
 
   #trend() {
@@ -115,8 +115,8 @@ export class Store {
   }
 }
 
-/** Whether a statement is about the filter's site, kind and vehicle; a part of an id will do. */
-export function matches(statement, { site, kind, vehicle }) {
-  return (!site || statement.site === site) && (!kind || statement.kind === kind) &&
-    (!vehicle || [statement.suspect, statement.follower, statement.leader].some((id) => id?.includes(vehicle)));
+/** Whether a update is about the filter's site, kind and vehicle; a part of an id will do. */
+export function matches(update, { site, kind, vehicle }) {
+  return (!site || update.site === site) && (!kind || update.kind === kind) &&
+    (!vehicle || [update.suspect, update.follower, update.leader].some((id) => id?.includes(vehicle)));
 }

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import zenoh
 
-from headway.client import Heard, History, Link, Message
+from headway.client import Connection, History, Message, SiteMessage
 from headway_schemas import Event, Evidence, Health, Innovation, Keys, Kind, PairState, Phase, Recovered, Sensor
 from headway_schemas.event import Stage
 from headway_schemas.query import EVENTS, AlertsQuery
@@ -37,9 +37,9 @@ def event(
     vehicle = suspect or f"veh-{n:04d}"
     off_x_m = 9.0 if sensor in {Sensor.LOCATION, Sensor.BOTH} else 0.0
     off_v_mps = 4.0 if sensor in {Sensor.SPEED, Sensor.BOTH} else 0.0
-    heard, over = kind is not Kind.MISS, phase is not Phase.CLEARED
+    received, over = kind is not Kind.MISS, phase is not Phase.CLEARED
     wrong_s = ((onset_us or t_us) / 1e6 - 0.05, t_us / 1e6 - (0 if over else 1.0) + 0.05)
-    readings = tuple(_readings(t_us / 1e6, wrong_s, off_x_m, off_v_mps)) if heard else ()
+    readings = tuple(_readings(t_us / 1e6, wrong_s, off_x_m, off_v_mps)) if received else ()
     if not over:
         off_x_m = off_v_mps = 0.0
     statistic = 61.0 + 7.0 * math.sin(n) if over else 2.1
@@ -58,17 +58,17 @@ def event(
         statistic=statistic,
         gate=GATE,
         p_value=math.exp(-statistic / 2),
-        innovation=Innovation(x_m=off_x_m + 0.2, v_mps=off_v_mps - 0.1) if heard else None,
+        innovation=Innovation(x_m=off_x_m + 0.2, v_mps=off_v_mps - 0.1) if received else None,
         recovered=Recovered(
             x_m=readings[-1][1] - off_x_m, v_mps=readings[-1][2] - off_v_mps, x_std_m=0.8, v_std_mps=0.35
         )
-        if heard
+        if received
         else None,
         latency_us={Stage.WIRE: 1_100, Stage.QUEUE: 340, Stage.DECODE: 120, Stage.DETECT: 740},
         model="headway",
         config_hash="7f3a91c2",
         confidence=0.93,
-        evidence=Evidence(columns=COLUMNS, readings=readings, checkpoint=b"\0" * 64) if heard else None,
+        evidence=Evidence(columns=COLUMNS, readings=readings, checkpoint=b"\0" * 64) if received else None,
     )
 
 
@@ -185,50 +185,50 @@ class Service:
     def answer(self, query: zenoh.Query) -> None:
         """Answer as the journal does."""
         with query:
-            asked = AlertsQuery.from_parameters(dict(iter(query.parameters)))
-            query.reply(self.keys.alerts, EVENTS.dump_json(found(self.journal, asked)))
+            queries = AlertsQuery.from_parameters(dict(iter(query.parameters)))
+            query.reply(self.keys.alerts, EVENTS.dump_json(found(self.journal, queries)))
 
 
-def found(journal: list[Event], asked: AlertsQuery) -> list[Event]:
+def found(journal: list[Event], queries: AlertsQuery) -> list[Event]:
     """Return the page of a journal that a query asks for."""
-    until_us = min(us for us in (asked.to_us, asked.before_us, 2**60) if us is not None)
+    until_us = min(us for us in (queries.to_us, queries.before_us, 2**60) if us is not None)
     wanted = [
         e
         for e in journal
-        if (asked.from_us or 0) <= e.detected_us < until_us
-        and asked.kind in {None, e.kind}
-        and asked.phase in {None, e.phase}
-        and asked.event in {None, e.event_id}
-        and asked.vehicle in {None, e.suspect, e.follower, e.leader}
+        if (queries.from_us or 0) <= e.detected_us < until_us
+        and queries.kind in {None, e.kind}
+        and queries.phase in {None, e.phase}
+        and queries.event in {None, e.event_id}
+        and queries.vehicle in {None, e.suspect, e.follower, e.leader}
     ]
     wanted.sort(key=lambda e: e.detected_us, reverse=True)
-    last_us = wanted[asked.limit - 1].detected_us if len(wanted) > asked.limit else 0
+    last_us = wanted[queries.limit - 1].detected_us if len(wanted) > queries.limit else 0
     kept = [e for e in wanted if e.detected_us >= last_us]
-    return kept if asked.evidence else [e.model_copy(update={"evidence": None}) for e in kept]
+    return kept if queries.evidence else [e.model_copy(update={"evidence": None}) for e in kept]
 
 
 class FakeFeed:
     """A feed without a bus: what is put into `heard` is what comes next."""
 
     def __init__(self, journal: list[Event] | None = None) -> None:
-        self.heard: list[Heard] = []
+        self.received: list[SiteMessage] = []
         self.journal = journal
-        self.asked: list[AlertsQuery] = []
-        self.link = Link(connected=True, connections=1, dropped=0, unreadable=0)
+        self.queries: list[AlertsQuery] = []
+        self.connection = Connection(connected=True, connections=1, dropped=0, unreadable=0)
         self.started = self.closed = False
 
-    def hear(self, *messages: Message, site: str = "local") -> None:
-        self.heard += [Heard(site, message) for message in messages]
+    def deliver(self, *messages: Message, site: str = "local") -> None:
+        self.received += [SiteMessage(site, message) for message in messages]
 
     def start(self) -> None:
         self.started = True
 
-    def drain(self) -> Iterator[Heard]:
-        taken, self.heard = self.heard, []
+    def drain(self) -> Iterator[SiteMessage]:
+        taken, self.received = self.received, []
         return iter(taken)
 
     def history(self, sites: Sequence[str], query: AlertsQuery) -> History:
-        self.asked.append(query)
+        self.queries.append(query)
         events = [e for e in found(self.journal or [], query) if e.site in sites]
         return History(events, answers=0 if self.journal is None else len(sites))
 
