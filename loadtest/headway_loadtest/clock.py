@@ -1,11 +1,11 @@
-"""The generator's clock."""
+"""The clock of the generator."""
 
 import time
 from typing import Protocol
 
 
 class Clock(Protocol):
-    """One clock for intended, actual and arrival times: CLOCK_MONOTONIC, the same in every process of a machine."""
+    """One clock for intended, actual and receive times: CLOCK_MONOTONIC, which all processes of a machine share."""
 
     def monotonic_ns(self) -> int:
         """Nanoseconds that never run backwards."""

@@ -1,7 +1,7 @@
-"""One run from end to end: replay frames over the bus, listen to the service, and close the books.
+"""One run from end to end: replay frames over the bus, subscribe to the service, and reconcile the counts.
 
-The service's side of the ledger and of the latency is what it says of itself on the health topic: the difference of two
-reports, the last one before the first message and the one after the last outcome.
+Counts and latency of the service are the difference of two of its health reports: the last one before the first message
+and the one after the last outcome.
 """
 
 import gc
@@ -15,23 +15,23 @@ import zenoh
 
 from headway_loadtest.clock import Clock, SystemClock
 from headway_loadtest.inject.apply import Label
-from headway_loadtest.measure.accounting import settle
+from headway_loadtest.measure.accounting import reconcile
 from headway_loadtest.measure.detection import assess
 from headway_loadtest.measure.overload import assess_surge
 from headway_loadtest.measure.percentiles import Percentiles, measure, of_buckets, of_histogram
 from headway_loadtest.measure.result import INTENDED, Outcome, Service
-from headway_loadtest.measure.subscriber import Health, Heard, Listener
+from headway_loadtest.measure.subscriber import Health, Received, Subscriber
 from headway_loadtest.traffic.encode import Encoder
 from headway_loadtest.traffic.frames import Frame
 from headway_loadtest.traffic.schedule import Schedule
 from headway_loadtest.traffic.send import Put, Sent, put_on, send
-from headway_loadtest.traffic.session import Link
+from headway_loadtest.traffic.session import Connection
 from headway_loadtest.traffic.surge import Surge
 from headway_schemas import Keys, Kind
 
 SERVICE_WAIT_S = 5.0
 LEAD_IN_S = 0.2
-SETTLE_S = 15.0
+DRAIN_S = 15.0
 QUIET_S = 2.0
 PROGRESS_NS = 100_000_000
 MINUTE_NS = 60_000_000_000
@@ -54,9 +54,9 @@ class Frames(Protocol):
 class Plan:
     """How to replay: in real time or `speed` times as fast, one message or up to `bundle` to a payload.
 
-    `span_s` is how long the frames last, in event time: it is needed at other speeds than 1, to have the events end at
-    now. The first `warmup_s` seconds count for the ledger, but for no latency and no cost; nor does a `surge`, which is
-    in the frames, and what comes after it.
+    `span_s` is the duration of the frames in event time; speeds other than 1 need it, so that event time ends at now.
+    The first `warmup_s` seconds count for the ledger but not for latency and cost. Nor does a `surge`, which is part of
+    the frames, nor what follows it.
     """
 
     speed: float = 1.0
@@ -67,7 +67,7 @@ class Plan:
 
 
 class Progress(NamedTuple):
-    """How a run goes, about ten times a second."""
+    """Progress of a run, about ten times a second."""
 
     t_s: float
     """Replay time."""
@@ -77,7 +77,7 @@ class Progress(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Run:
-    """What is left of a run when the last message is out and its outcome known."""
+    """The data of a run after the last message has its outcome."""
 
     schedule: Schedule
     warm_ns: int
@@ -86,7 +86,7 @@ class _Run:
     ids: list[str]
     """By row; the newest where they rotate."""
     ids_ever: set[str]
-    heard: Heard
+    received: Received
     reports: list[Health]
     """Of one instance, in order; the first is from before the first message."""
 
@@ -98,32 +98,32 @@ def run(
     plan: Plan,
     on_progress: Callable[[Progress], None] = lambda _progress: None,
 ) -> Outcome:
-    """Replay frames over the bus and judge what comes of it; without a service on the site they are sent all the same.
+    """Replay frames over the bus and assess the result; without a service on the site the frames are sent as well.
 
     `on_progress` is called from the sending loop about ten times a second: it must be quick.
     """
     clock = SystemClock()
-    listener, link = Listener(session, keys, clock), Link(session)
+    subscriber, connection = Subscriber(session, keys, clock), Connection(session)
     try:
-        played = _play(put_on(session), listener, link, clock, frames, keys, plan, on_progress)
+        played = _play(put_on(session), subscriber, connection, clock, frames, keys, plan, on_progress)
     finally:
-        link.close()
-        listener.close()
+        connection.close()
+        subscriber.close()
     return _outcome(played, frames.labels, plan)
 
 
 def _play(
     put: Put,
-    listener: Listener,
-    link: Link,
+    subscriber: Subscriber,
+    connection: Connection,
     clock: Clock,
     frames: Frames,
     keys: Keys,
     plan: Plan,
     on_progress: Callable[[Progress], None],
 ) -> _Run:
-    _wait(clock, SERVICE_WAIT_S, lambda: bool(listener.drain().health))
-    instance = listener.heard.health[0].instance if listener.heard.health else ""
+    _wait(clock, SERVICE_WAIT_S, lambda: bool(subscriber.drain().health))
+    instance = subscriber.received.health[0].instance if subscriber.received.health else ""
     to_play = iter(frames)
     first = list(islice(to_play, 1))
     gc.collect()
@@ -136,14 +136,14 @@ def _play(
     )
     warm_ns = schedule.start_ns + round(plan.warmup_s * 1e9)
     encoder = Encoder(keys, bundle=plan.bundle)
-    told_ns = 0
+    progress_ns = 0
 
     def between(sent: Sent, due_ns: int) -> None:
-        nonlocal told_ns
-        if due_ns - told_ns >= PROGRESS_NS:
-            told_ns = due_ns
-            heard = listener.drain()
-            on_progress(Progress((due_ns - schedule.start_ns) * plan.speed / 1e9, sent.records, heard.alerts))
+        nonlocal progress_ns
+        if due_ns - progress_ns >= PROGRESS_NS:
+            progress_ns = due_ns
+            received = subscriber.drain()
+            on_progress(Progress((due_ns - schedule.start_ns) * plan.speed / 1e9, sent.records, received.alerts))
 
     try:
         sent = send(
@@ -151,14 +151,14 @@ def _play(
             put,
             clock=clock,
             warm_ns=warm_ns,
-            is_up=link.is_up,
+            is_up=connection.is_up,
             between=between,
         )
     finally:
         gc.unfreeze()
     ended_ns = clock.monotonic_ns()
-    _wait(clock, SETTLE_S if instance else QUIET_S, lambda: _is_quiet(listener.drain(), instance, ended_ns))
-    reports = [report for report in listener.heard.health if report.instance == instance]
+    _wait(clock, DRAIN_S if instance else QUIET_S, lambda: _is_quiet(subscriber.drain(), instance, ended_ns))
+    reports = [report for report in subscriber.received.health if report.instance == instance]
     early = [report for report in reports if report.received_ns < schedule.start_ns]
     return _Run(
         schedule,
@@ -167,7 +167,7 @@ def _play(
         sent,
         encoder.ids,
         encoder.ids_ever,
-        listener.heard,
+        subscriber.received,
         reports[max(0, len(early) - 1) :],
     )
 
@@ -178,20 +178,20 @@ def _wait(clock: Clock, at_most_s: float, done: Callable[[], bool]) -> None:
         clock.sleep(0.05)
 
 
-def _is_quiet(heard: Heard, instance: str, ended_ns: int) -> bool:
-    """Whether the service has nothing in hand and reports the same count twice, the first time well after the end."""
+def _is_quiet(received: Received, instance: str, ended_ns: int) -> bool:
+    """Whether the queue of the service is empty and two reports after the end have the same count."""
     counters = [
         report.counters
-        for report in heard.health
+        for report in received.health
         if report.instance == instance and report.received_ns > ended_ns + QUIET_S * 1e9 / 2
     ]
     return len(counters) >= 2 and not counters[-1].queued and counters[-1].outcomes == counters[-2].outcomes
 
 
 def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:
-    schedule, sent, heard, reports = played.schedule, played.sent, played.heard, played.reports
+    schedule, sent, received, reports = played.schedule, played.sent, played.received, played.reports
     origin_us = schedule.first_event_us
-    episodes = [episode for episode in heard.episodes.values() if episode.suspect in played.ids_ever]
+    episodes = [episode for episode in received.episodes.values() if episode.suspect in played.ids_ever]
     latencies_us = [
         (episode.received_ns - due_ns) / 1e3
         for episode in episodes
@@ -215,8 +215,8 @@ def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:
         stalled_s=sent.stalled_s,
         generator_cpu_us=1e6 * sent.cpu_s / max(1, sent.records),
         alert_latency=measure(latencies_us),
-        alerts=heard.alerts,
-        unread=heard.unread,
+        alerts=received.alerts,
+        unread=received.unread,
         quality=quality,
         service=service,
     )
@@ -225,18 +225,18 @@ def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:
 def _service(played: _Run, surge: Surge | None) -> Service:
     before, last = played.reports[0], played.reports[-1]
     started_ns, warm_ns = played.schedule.start_ns, played.warm_ns
-    judged_until_ns = played.ended_ns if surge is None else started_ns + round(surge.start_s * 1e9)
-    told = [report for report in played.reports if report.received_ns <= judged_until_ns] or played.reports
-    timed = last if surge is None else told[-1]
+    measured_until_ns = played.ended_ns if surge is None else started_ns + round(surge.start_s * 1e9)
+    timely = [report for report in played.reports if report.received_ns <= measured_until_ns] or played.reports
+    timed = last if surge is None else timely[-1]
     warm = next((report for report in played.reports if report.received_ns >= played.warm_ns), before)
     if played.warm_ns <= played.schedule.start_ns:
         warm = before
-    busy = [report for report in told if warm.received_ns < report.received_ns]
-    minute = [report for report in told if report.received_ns >= started_ns + MINUTE_NS]
+    busy = [report for report in timely if warm.received_ns < report.received_ns]
+    minute = [report for report in timely if report.received_ns >= started_ns + MINUTE_NS]
     sent = played.sent
     return Service(
         instance=last.instance,
-        ledger=settle(sent.records, sent.lost, before.counters, last.counters),
+        ledger=reconcile(sent.records, sent.lost, before.counters, last.counters),
         stages=_stages(warm, timed),
         cpu_us=_cpu_us(warm, busy[-1] if busy else last),
         rss_mb=last.content.get("rss_mb"),

@@ -1,4 +1,4 @@
-"""The wire contract: messages, key expressions and encodings. Everything that talks to the service starts here."""
+"""The wire contract: messages, key expressions and encodings. Every client of the service starts here."""
 
 from headway_schemas.bsm import WIRE_VERSION, Bsm, Leader
 from headway_schemas.event import Event, Evidence, Innovation, Kind, Phase, Recovered, Sensor

@@ -1,4 +1,4 @@
-"""Encodings: what a payload says of itself on the bus, as `media type;schema`."""
+"""Encodings of payloads on the bus, as `media type;schema`."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""Event, version 1: what the detector says of a reading that car-following does not explain."""
+"""Event, version 1: a reading, or a silence, that car-following does not explain."""
 
 from enum import IntEnum, StrEnum
 from typing import Annotated
@@ -8,11 +8,11 @@ from pydantic import Field
 from headway_schemas.fields import Blob, Id, Message, Number, Share, TUs
 
 EventId = Annotated[str, Field(pattern=r"^[A-Za-z0-9_.~-]{1,128}$")]
-"""Longer than an identifier, since it may be made of one."""
+"""Longer than an identifier, because it may contain one."""
 
 
 class Phase(StrEnum):
-    """Where an event is in its life: the same `event_id` runs through all three."""
+    """Phase of an event: the same `event_id` runs through all three."""
 
     ONSET = "onset"
     UPDATE = "update"
@@ -31,21 +31,21 @@ class Kind(StrEnum):
     DRIFT = "drift"
     """Readings move away steadily."""
     MISS = "miss"
-    """Readings stay out, longer than the sender's own interval explains."""
+    """Readings are absent for longer than the sender's own interval explains."""
     RESPONSE = "response"
-    """Readings agree with each other, but no driver would answer the leader so."""
+    """Readings agree with each other, but not with the response of a driver to the leader."""
     RANGE = "range"
     """Declared positions contradict a forward range sensor."""
 
 
 class Sensor(StrEnum):
-    """Which reading is in doubt."""
+    """Which reading is faulty."""
 
     LOCATION = "location"
     SPEED = "speed"
     BOTH = "both"
     LINK = "link"
-    """The communication link: no reading came."""
+    """The link between two vehicles, not a sensor of one."""
 
 
 class EtsiTarget(IntEnum):
@@ -77,7 +77,7 @@ class Innovation(Message):
 
 
 class Recovered(Message):
-    """What the detector believes in place of the reading, with one sigma of each."""
+    """The estimate in place of the reading, with one sigma of each."""
 
     x_m: Number
     v_mps: Number
@@ -90,23 +90,23 @@ class Evidence(Message):
 
     columns: Annotated[tuple[str, ...], Field(strict=False)]
     readings: Annotated[tuple[Annotated[tuple[Number, ...], Field(strict=False)], ...], Field(strict=False)]
-    """One row per reading, oldest first, the judged one last; values in the order of `columns`."""
+    """One row per reading, oldest first, the scored one last; values in the order of `columns`."""
     checkpoint: Blob | None = None
     """The pair's row of the bank before the first of the readings."""
     parameters: Annotated[dict[str, Number | str], Field(default_factory=dict)]
-    """All that the verdict depends on beside the readings: the detector's settings, `version`, and `core`, a digest of
-    the sources that judge."""
+    """All that the verdict depends on except the readings: settings of the detector, `version`, and `core`, a digest of
+    the sources of the core."""
 
 
 class Event(Message):
-    """One step in the life of an anomaly."""
+    """One update of an anomaly: onset, update or end."""
 
     event_id: EventId
     phase: Phase
     kind: Kind
     sensor: Sensor
     suspect: Id
-    """The vehicle whose reading is in doubt."""
+    """The vehicle whose reading is faulty."""
     leader: Id | None = None
     """Null on a free road."""
     follower: Id
@@ -117,9 +117,9 @@ class Event(Message):
     nis: Number = None
     """Normalised innovation squared."""
     statistic: Number = None
-    """What the gate judged: `nis`, or a running statistic made of it."""
+    """What is compared with the gate: `nis`, or a running statistic of it."""
     gate: Number = None
-    """What the statistic was held against."""
+    """Threshold of the statistic; an event starts when the statistic exceeds it."""
     p_value: Number = None
     innovation: Innovation | None = None
     recovered: Recovered | None = None
@@ -127,6 +127,6 @@ class Event(Message):
     model: str
     config_hash: str
     confidence: Share = None
-    """How sure the diagnosis of kind and sensor is."""
+    """Probability of the diagnosed kind and sensor."""
     etsi_target: EtsiTarget | None = None
     evidence: Evidence | None = None

@@ -25,9 +25,9 @@ _PARAMETERS: Final[dict[str, dict[str, Any]]] = {
     "site": {"description": "Coverage of one roadside unit; a pair lives within one site."},
     "sender": {"description": f"Id of the vehicle ({ID_PATTERN}), or of a gateway if it begins with gw-."},
     "kind": {"description": "What the anomaly looks like.", "enum": [kind.value for kind in Kind]},
-    "suspect": {"description": "Id of the vehicle whose reading is in doubt."},
+    "suspect": {"description": "Id of the vehicle whose reading is faulty."},
     "follower": {"description": "Id of the follower."},
-    "reason": {"description": "Why the message was not judged."},
+    "reason": {"description": "Why the message was rejected."},
     "instance": {"description": "Id of one running service."},
 }
 _QUERY: Final = {"title": "Query", "description": "Parameters are in the selector.", "payload": {"type": "null"}}
@@ -98,12 +98,12 @@ def _asyncapi() -> dict[str, Any]:
         "bsmJson": _message("Basic safety messages, JSON", encodings.BSM_JSON, "bsm_payload"),
         "j2735Raw": _foreign("SAE J2735 JSON with its integers and sentinels", encodings.J2735_RAW),
         "j2735Ode": _foreign("JSON of the USDOT Operational Data Environment", encodings.J2735_ODE),
-        "event": _message("One step in the life of an anomaly", encodings.EVENT_JSON, "event"),
+        "event": _message("One update of an anomaly", encodings.EVENT_JSON, "event"),
         "events": _message("History of events", encodings.EVENTS_JSON, "events"),
         "pairState": _message("State of a pair", encodings.PAIR_STATE_JSON, "pair_state"),
         "pairStates": _message("State of every pair", encodings.PAIR_STATES_JSON, "pair_states"),
         "health": _message("Health of one instance", encodings.HEALTH_JSON, "health"),
-        "rejected": _message("Copy of a message that was not judged", encodings.REJECTED_JSON, "rejected"),
+        "rejected": _message("Copy of a rejected message", encodings.REJECTED_JSON, "rejected"),
         "query": _QUERY,
     }
     channels = {
@@ -121,7 +121,7 @@ def _asyncapi() -> dict[str, Any]:
         "info": {
             "title": "headway",
             "version": "1.0.0",
-            "description": "What the detector reads and says over Eclipse Zenoh. A channel's address is a key "
+            "description": "What the detector reads and publishes over Eclipse Zenoh. A channel's address is a key "
             "expression, a message's content type the encoding of its payload.",
         },
         "channels": channels,

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 ID_PATTERN: Final = "[A-Za-z0-9_.~-]{1,64}"
 GATEWAY_PREFIX: Final = "gw-"
-"""A sender whose chunk begins so may carry records of others."""
+"""A sender with this prefix may carry records of others."""
 
 _ID = re.compile(ID_PATTERN)
 _NOT_IN_ID = re.compile("[^A-Za-z0-9_.~-]")
@@ -90,7 +90,7 @@ class Keys:
 
     @property
     def every_bsm(self) -> str:
-        """Subscription to every sender of the site; one that sends below its chunk is heard, and rejected."""
+        """Subscription to every sender of the site; messages below their chunk are received and rejected."""
         return f"{self.prefix}/{self.site}/bsm/**"
 
     @property

@@ -1,8 +1,8 @@
-"""What may be asked of the history of events, the queryable `alerts` of a site.
+"""Queries for the history of events, the queryable `alerts` of a site.
 
 The selector's parameters are the fields of `AlertsQuery`. The reply is one JSON array of events, newest first by
-`detected_us`. A page never splits one microsecond: what shares its `detected_us` with the last statement comes too, so
-the next page is `before_us` of that one and nothing is skipped or told twice.
+`detected_us`. A page never splits one microsecond: events with the `detected_us` of the last one come
+too. So the next page is `before_us` of that one, and no event is skipped or repeated.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ EVENTS: Final = TypeAdapter(list[Event])
 
 
 class AlertsQuery(Message):
-    """Which statements of the history are wanted: those that meet every condition given."""
+    """Conditions on event updates; the result meets all that are given."""
 
     from_us: TUs | None = None
     """Detected at this instant or later."""
@@ -34,7 +34,7 @@ class AlertsQuery(Message):
     vehicle: Id | None = None
     """Suspect, follower or leader."""
     event: EventId | None = None
-    """Every statement of this `event_id`."""
+    """Every update of this `event_id`."""
     limit: Annotated[int, Field(ge=1, le=LIMIT_MAX)] = 100
     evidence: bool = False
     """Whether the evidence comes along; a list is lighter without."""
@@ -45,6 +45,6 @@ class AlertsQuery(Message):
         return cls.model_validate_strings(dict(parameters))
 
     def to_parameters(self) -> str:
-        """Write the parameters of a selector, those that say nothing left out."""
+        """Write the parameters of a selector, without those at their default."""
         fields = self.model_dump(mode="json", exclude_defaults=True)
         return ";".join(f"{name}={value}" for name, value in fields.items())

@@ -1,4 +1,4 @@
-"""What the service reports of its own: the state of a pair, its health, and copies of what it rejected."""
+"""Reports of the service: the state of a pair, its health, and copies of rejected messages."""
 
 from enum import StrEnum
 from typing import Annotated, Self
@@ -9,11 +9,11 @@ from headway_schemas.fields import Blob, Id, Message, Number, TUs
 
 Count = Annotated[int, Field(ge=0)]
 Label = Annotated[str, Field(pattern="^[a-z][a-z0-9_]{0,63}$")]
-"""A name out of a closed set of the service, such as a reason."""
+"""A name from a closed set of the service, such as a reason."""
 
 
 class Standing(StrEnum):
-    """How the newest reading of a pair was judged."""
+    """State of a pair by its newest reading."""
 
     NORMAL = "normal"
     WARMING = "warming"
@@ -23,7 +23,7 @@ class Standing(StrEnum):
 
 
 class PairState(Message):
-    """A follower and whoever is ahead of it, as of its newest reading."""
+    """A follower and its leader, as of its newest reading."""
 
     site: Id
     follower: Id
@@ -36,7 +36,7 @@ class PairState(Message):
     heading_deg: Number = None
     gap_m: Number = None
     x_m: Number = None
-    """Location along the follower's own path, as the filter believes."""
+    """Location along the follower's own path, as the filter estimates."""
     v_mps: Number = None
     nis: Number = None
     statistic: Number = None
@@ -44,7 +44,7 @@ class PairState(Message):
 
 
 class Health(Message):
-    """One instance of the service, seen by itself."""
+    """One instance of the service, as it reports itself."""
 
     instance: Id
     site: Id
@@ -66,19 +66,19 @@ class Health(Message):
     events: Count
     latency_ms: Annotated[dict[Label, Number], Field(default_factory=dict)]
     """From receipt to outcome, by percentile: `p50`, `p99`, `p999`, `max`."""
-    missed: Count = 0
-    """Messages that the senders' counters say were sent and never came."""
+    sequence_gap_messages: Count = 0
+    """Messages missing by gaps in the counters of the senders (msg_cnt)."""
     histograms_us: Annotated[dict[Label, tuple[tuple[float, int], ...]], Field(default_factory=dict, strict=False)]
     """Records by latency since the start, for each stage: (upper edge of a bucket in microseconds, count)."""
     cpu_s: Number = None
     """Processor time that the process has used."""
     rss_mb: Number = None
     troubles: Annotated[tuple[str, ...], Field(strict=False)] = ()
-    """What does not work although messages are judged, such as the journal; a line each."""
+    """What does not work although messages are processed, such as the journal; a line each."""
 
 
 class RejectedCopy(Message):
-    """A message that was not judged, the reason, and as much of its payload as the size limit lets through."""
+    """A rejected message, the reason, and its payload up to the size limit."""
 
     reason: Label
     detail: str

@@ -44,7 +44,7 @@ class Naive:
         self.scored += 1
 
     def health(self) -> str:
-        counters = {"scored": self.scored, "warming": 0, "rejected": {}, "lost": {}, "missed": 0}
+        counters = {"scored": self.scored, "warming": 0, "rejected": {}, "lost": {}, "sequence_gap_messages": 0}
         return json.dumps(counters | {"instance": "naive", "queue_depth": 0, "cpu_s": time.process_time()})
 
 

@@ -66,7 +66,13 @@ class StandIn:
         return json.dumps(fields | {"t_us": self.accused[vehicle], "detected_us": self.accused[vehicle]})
 
     def health(self):
-        counters = {"scored": self.scored, "warming": 0, "rejected": {}, "lost": {}, "missed": self.missed}
+        counters = {
+            "scored": self.scored,
+            "warming": 0,
+            "rejected": {},
+            "lost": {},
+            "sequence_gap_messages": self.missed,
+        }
         others = {"instance": "i", "queue_depth": 0, "cpu_s": time.process_time(), "rss_mb": 1.0}
         return json.dumps(counters | others | {"histograms_us": {INTENDED: [(500.0, self.scored)]}})
 

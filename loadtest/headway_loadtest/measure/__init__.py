@@ -1,1 +1,1 @@
-"""What a run came to: accounts, latency, detection."""
+"""The result of a run: accounting, latency, detection."""

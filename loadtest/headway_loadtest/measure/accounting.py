@@ -9,13 +9,13 @@ TRANSPORT = "transport"
 
 @dataclass(frozen=True, slots=True)
 class Counters:
-    """The service's side, in records since its start. `missed` are gaps in the senders' counters."""
+    """Counts of the service, in records since its start. `sequence_gaps` are gaps in the senders' counters."""
 
     scored: int
     warming: int
     rejected: Mapping[str, int]
     lost: Mapping[str, int]
-    missed: int
+    sequence_gaps: int
     queued: int
 
     @classmethod
@@ -26,7 +26,7 @@ class Counters:
             warming=health["warming"],
             rejected=health["rejected"],
             lost=health["lost"],
-            missed=health.get("missed", 0),
+            sequence_gaps=health.get("sequence_gap_messages", 0),
             queued=health["queue_depth"],
         )
 
@@ -48,22 +48,24 @@ class Ledger:
 
     @property
     def unaccounted(self) -> int:
-        """What no name was found for."""
+        """Records without an outcome and without a reason."""
         return self.sent - self.scored - self.warming - sum(self.rejected.values()) - sum(self.lost.values())
 
 
-def settle(sent: int, unsent: Mapping[str, int], before: Counters, after: Counters) -> Ledger:
-    """Close the ledger of a run over `sent` records, `unsent` of them by reason never put.
+def reconcile(sent: int, unsent: Mapping[str, int], before: Counters, after: Counters) -> Ledger:
+    """Reconcile a run over `sent` records, `unsent` of them by reason never put.
 
-    Lost in transport is only what the senders' counters prove: gaps that the service saw, less what it shed or
-    rejected itself, since that leaves gaps too. Whatever is missing beyond the proof stays unaccounted.
+    Lost in transport is only what the counters of the senders prove: gaps that the service saw, less what it shed or
+    rejected itself, because that leaves gaps too. What is missing beyond that stays unaccounted.
     """
     rejected = _since(before.rejected, after.rejected)
     lost = _since(before.lost, after.lost)
     scored, warming = after.scored - before.scored, after.warming - before.warming
     put = sent - sum(unsent.values())
     missing = put - scored - warming - sum(rejected.values()) - sum(lost.values())
-    proven = after.missed - before.missed - sum(lost.values()) - sum(rejected.values()) - sum(unsent.values())
+    proven = (
+        after.sequence_gaps - before.sequence_gaps - sum(lost.values()) - sum(rejected.values()) - sum(unsent.values())
+    )
     transport = max(0, min(missing, proven))
     named = {**lost, **({TRANSPORT: transport} if transport else {}), **{k: n for k, n in unsent.items() if n}}
     return Ledger(sent=sent, scored=scored, warming=warming, rejected=rejected, lost=named)

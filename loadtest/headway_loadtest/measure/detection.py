@@ -1,9 +1,9 @@
 """Detection quality: events against labels, in event time.
 
-An episode is right when its onset falls within a labelled event of the vehicle it suspects, or at most `GRACE_US` after
-it; an event is found when a right episode of its vehicle overlaps it so. An episode with its onset elsewhere is a false
-alarm, save that one which suspects the neighbour of a liar is counted by itself, as is the silence of a vehicle
-that has left. A liar who has dragged his location keeps lying until he leaves, so to suspect him then is right.
+An episode is right if its onset falls within a labelled event of its suspect, or at most `GRACE_US` after it. An event
+is found if a right episode of its vehicle overlaps it. Other episodes are false alarms, with two exceptions that are
+counted apart: the suspect is the neighbour of a faulty vehicle, or a vehicle that has left. A dragged location stays
+wrong until its vehicle leaves, so a later episode of it is right.
 """
 
 from collections import defaultdict
@@ -15,7 +15,7 @@ from headway_loadtest.inject.apply import Label
 from headway_loadtest.inject.faults import Kind
 from headway_loadtest.measure.subscriber import Episode
 from headway_loadtest.traffic.schedule import Schedule
-from headway_schemas import Kind as Stated
+from headway_schemas import Kind as AlertKind
 
 GRACE_US = 1_000_000
 
@@ -54,7 +54,7 @@ class Quality:
 
     @property
     def false_alarms_per_vehicle_hour(self) -> float:
-        """How often a driver who does not lie is called a liar."""
+        """False alarms per hour that a fault-free vehicle drives."""
         return self.false_alarms / self.vehicle_hours if self.vehicle_hours else 0.0
 
 
@@ -75,7 +75,7 @@ def assess(
     for episode in episodes:
         if any(_explains(label, episode.onset_us) for label in truth[episode.suspect]):
             right[episode.suspect].append(episode)
-        elif episode.kind is Stated.MISS and episode.onset_us >= last_us.get(episode.suspect, 0):
+        elif episode.kind is AlertKind.MISS and episode.onset_us >= last_us.get(episode.suspect, 0):
             departures += 1
         elif any(_explains(label, episode.onset_us) for label in truth[_other(episode)]):
             wrong_vehicle += 1
@@ -109,8 +109,8 @@ def _other(episode: Episode) -> str:
     return (episode.leader or "") if episode.suspect == episode.follower else episode.follower
 
 
-def _names(kind: Kind) -> tuple[Stated, ...]:
-    return (Stated.RESPONSE, Stated.RANGE) if kind.is_consistent else (Stated(kind.label),)
+def _names(kind: Kind) -> tuple[AlertKind, ...]:
+    return (AlertKind.RESPONSE, AlertKind.RANGE) if kind.is_consistent else (AlertKind(kind.label),)
 
 
 def _score(pairs: Sequence[tuple[Label, Episode | None]], schedule: Schedule) -> KindScore:

@@ -22,12 +22,12 @@ class Surged:
     vehicles: int
     seconds: float
     latency: Percentiles | None
-    """Of what was judged during the surge, from the intended send time."""
+    """Of the records processed during the surge, from the intended send time."""
     judged_hz: float
     lost: int
     """Records shed during the surge and until it was over."""
     normal_p99_ms: float | None
-    """What counts as normal; None: nothing was heard before."""
+    """What counts as normal; None: no report came before."""
     recovered_s: float | None
     """From the end of the surge until a normal second began, to a second; None: none did."""
 
@@ -71,5 +71,5 @@ def _lost(first: Health, second: Health) -> int:
 
 
 def _judged_hz(first: Health, second: Health) -> float:
-    judged = second.counters.scored + second.counters.warming - first.counters.scored - first.counters.warming
-    return 1e9 * judged / (second.received_ns - first.received_ns)
+    processed = second.counters.scored + second.counters.warming - first.counters.scored - first.counters.warming
+    return 1e9 * processed / (second.received_ns - first.received_ns)

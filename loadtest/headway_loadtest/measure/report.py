@@ -46,7 +46,7 @@ class Targets:
     """Share by which memory may grow after the first minute."""
 
 
-def misses(outcome: Outcome, targets: Targets) -> list[str]:
+def missed_targets(outcome: Outcome, targets: Targets) -> list[str]:
     """Name each target that is missed, or cannot be known, in a sentence; none where all are met."""
     service = outcome.service
     if service is None:
@@ -79,7 +79,7 @@ def misses(outcome: Outcome, targets: Targets) -> list[str]:
 def to_json(outcome: Outcome, targets: Targets) -> dict[str, Any]:
     """Return the JSON object of a run: plain values only, None where something is not known."""
     service, ledger = outcome.service, outcome.service.ledger if outcome.service else None
-    failed = misses(outcome, targets)
+    failed = missed_targets(outcome, targets)
     return {
         "vehicles": outcome.vehicles,
         "seconds": round(outcome.seconds, 3),
@@ -140,32 +140,32 @@ def detection_json(quality: Quality) -> dict[str, Any]:
 
 def show(outcome: Outcome, console: Console) -> None:
     """Print the report for people."""
-    console.print(Panel(Group(*_parts(outcome)), title="What happened", border_style="cyan", expand=False))
+    console.print(Panel(Group(*_parts(outcome)), title="Result", border_style="cyan", expand=False))
 
 
 def _parts(outcome: Outcome) -> list[RenderableType]:
     minutes = outcome.seconds / 60
     drove = f"[bold]{outcome.vehicles}[/] vehicles drove for {minutes:.1f} minutes"
     parts: list[RenderableType] = [
-        f"{drove} and told [bold]{outcome.sent:,}[/] times where they are and how fast they go.",
+        f"{drove} and sent [bold]{outcome.sent:,}[/] messages.",
         "",
         _detection(outcome.quality),
         _false_alarms(outcome.quality),
     ]
     if outcome.service is None:
-        parts += ["", Text("No headway service reported on this site: nothing is known of the other end.", "bold red")]
+        parts += ["", Text("No headway service reported on this site, so its counts are unknown.", "bold red")]
         return parts
-    parts += ["", _books(outcome.service.ledger), _verdict_on_books(outcome.service.ledger), "", _times(outcome)]
+    parts += ["", _accounts(outcome.service.ledger), _accounts_verdict(outcome.service.ledger), "", _times(outcome)]
     parts += [line for line in _remarks(outcome) if line]
     return parts
 
 
 def _detection(quality: Quality) -> RenderableType:
     if not quality.by_kind:
-        return Text("No false readings were put in.", "dim")
-    table = Table(title="False readings put in, and found", title_justify="left", box=None, pad_edge=False)
+        return Text("No faults were injected.", "dim")
+    table = Table(title="Faults injected and found", title_justify="left", box=None, pad_edge=False)
     table.add_column("what")
-    for heading in ("put in", "found", "after"):
+    for heading in ("injected", "found", "after"):
         table.add_column(heading, justify="right")
     for kind, score in quality.by_kind.items():
         table.add_row(f"{kind}: {MEANINGS[kind]}", str(score.events), str(score.found), _duration(score.delay_s))
@@ -176,15 +176,15 @@ def _detection(quality: Quality) -> RenderableType:
 def _false_alarms(quality: Quality) -> RenderableType:
     lines = [f"False alarms: [bold]{quality.false_alarms}[/] in {quality.vehicle_hours:.1f} hours of driving."]
     if quality.wrong_vehicle:
-        lines.append(f"Alarms that blamed the neighbour of the culprit: {quality.wrong_vehicle}.")
+        lines.append(f"Alarms with the neighbour of the faulty vehicle as suspect: {quality.wrong_vehicle}.")
     return "\n".join(lines)
 
 
-def _books(ledger: Ledger) -> Table:
+def _accounts(ledger: Ledger) -> Table:
     table = Table(title="Every message accounted for", title_justify="left", box=None, pad_edge=False)
-    table.add_column("what became of it")
+    table.add_column("outcome")
     table.add_column("messages", justify="right")
-    rows = [("judged", ledger.scored), ("too early to judge: its sender is new", ledger.warming)]
+    rows = [("scored", ledger.scored), ("warming: its sender is new", ledger.warming)]
     rows += [(f"rejected: {reason.replace('_', ' ')}", n) for reason, n in ledger.rejected.items()]
     rows += [(f"lost: {reason.replace('_', ' ')}", n) for reason, n in ledger.lost.items()]
     for name, count in rows:
@@ -192,21 +192,21 @@ def _books(ledger: Ledger) -> Table:
     return table
 
 
-def _verdict_on_books(ledger: Ledger) -> Text:
+def _accounts_verdict(ledger: Ledger) -> Text:
     if ledger.unaccounted == 0:
         return Text(f"{ledger.sent:,} sent, none unaccounted for.", "green")
     if ledger.unaccounted > 0:
         return Text(f"{ledger.unaccounted:,} of {ledger.sent:,} sent are unaccounted for.", "bold red")
-    return Text(f"{-ledger.unaccounted:,} more than were sent here: others send to this service too.", "yellow")
+    return Text(f"{-ledger.unaccounted:,} more than were sent here: this service has other senders too.", "yellow")
 
 
 def _times(outcome: Outcome) -> Table:
-    table = Table(title="How long it took (ms)", title_justify="left", box=None, pad_edge=False)
-    table.add_column("from when it was to be sent")
+    table = Table(title="Latency (ms)", title_justify="left", box=None, pad_edge=False)
+    table.add_column("from the intended send time")
     for heading in ("half within", "99 % within", "99.9 % within", "longest"):
         table.add_column(heading, justify="right")
     for name, percentiles in (
-        ("until it was judged", outcome.latency),
+        ("until the outcome", outcome.latency),
         ("until a subscriber had the alert", outcome.alert_latency),
         ("until the generator had sent it", outcome.late),
     ):
@@ -237,7 +237,7 @@ def _surge(surged: Surged) -> str:
     p99 = "unknown" if surged.latency is None else f"{surged.latency.p99:.0f} ms"
     back = "never back to normal" if surged.recovered_s is None else f"normal {surged.recovered_s:.1f} s after"
     return (
-        f"A surge of {surged.vehicles} more for {surged.seconds:g} s: {surged.judged_hz:,.0f} a second judged, 99 % "
+        f"A surge of {surged.vehicles} more for {surged.seconds:g} s: {surged.judged_hz:,.0f} a second processed, 99 % "
         f"within {p99}, {surged.lost:,} shed, {back}. The other times are those before it."
     )
 

@@ -1,4 +1,4 @@
-"""What a run came to."""
+"""The result of a run."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ INTENDED = "intended"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Service:
-    """The service's side, from its own reports. Costs and latencies are since the warm-up; None: it does not say."""
+    """The service by its own reports. Costs and latencies are since the warm-up; None: not reported."""
 
     instance: str
     ledger: Ledger
@@ -35,7 +35,7 @@ class Service:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """What a run came to. `service` is None when nobody reported on the site."""
+    """The result of a run. `service` is None if no service reported on the site."""
 
     vehicles: int
     seconds: float
@@ -48,7 +48,7 @@ class Outcome:
     generator_cpu_us: float
     """Per record."""
     alert_latency: Percentiles | None
-    """From the intended send time of the first reading in doubt until the alert is with a subscriber."""
+    """From the intended send time of the first reading in doubt until a subscriber has the alert."""
     alerts: int
     unread: int
     quality: Quality
@@ -56,5 +56,5 @@ class Outcome:
 
     @property
     def latency(self) -> Percentiles | None:
-        """From the intended send time to the outcome; unknown at other speeds than 1, where event time is not it."""
+        """From the intended send time to the outcome; unknown unless `speed` is 1."""
         return self.service.stages.get(INTENDED) if self.service and self.speed == 1.0 else None

@@ -1,4 +1,4 @@
-"""The other end: alerts and health, taken off the bus with their time of arrival."""
+"""Receives the alerts and the health of a site, with their receive times."""
 
 import json
 from collections import deque
@@ -31,7 +31,7 @@ class Episode:
 
 
 class Health(NamedTuple):
-    """A health message as it arrived. `content` may lack figures, so that an older service can be judged too."""
+    """A health message as received. `content` may lack figures, so that an older service can be measured too."""
 
     received_ns: int
     instance: str
@@ -45,15 +45,15 @@ class Health(NamedTuple):
         return cls(received_ns, content["instance"], Counters.of(content), content)
 
 
-class _Arrival(NamedTuple):
+class _Message(NamedTuple):
     received_ns: int
     is_alert: bool
     payload: bytes
 
 
 @dataclass(slots=True)
-class Heard:
-    """All that was heard so far. `unread` counts messages that could not be read or came too many at once."""
+class Received:
+    """All messages so far. `unread` counts those that could not be decoded or exceeded `WAITING_MAX`."""
 
     episodes: dict[str, Episode] = field(default_factory=dict)
     alerts: int = 0
@@ -61,7 +61,7 @@ class Heard:
     unread: int = 0
 
     def alert(self, event: Event, received_ns: int) -> None:
-        """Enter an event: its onset opens an episode, the others prolong it; one that began before us is not ours."""
+        """Apply an event update: an onset opens an episode, the others prolong it; earlier episodes are ignored."""
         self.alerts += 1
         if event.phase is Phase.ONSET:
             self.episodes[event.event_id] = Episode(
@@ -83,38 +83,38 @@ class Heard:
         episode.cleared = event.phase is Phase.CLEARED
 
 
-class Listener:
-    """Hears the alerts and the health of a site; the callback only copies, `drain()` reads."""
+class Subscriber:
+    """Subscribes to the alerts and the health of a site; the callback only copies, `drain()` decodes."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, clock: Clock) -> None:
-        self.heard = Heard()
+        self.received = Received()
         self._clock = clock
-        self._waiting: deque[_Arrival] = deque()
+        self._waiting: deque[_Message] = deque()
         self._subscribers = [
-            session.declare_subscriber(keys.every_alert, lambda sample: self._arrive(sample, is_alert=True)),
-            session.declare_subscriber(keys.every_health, lambda sample: self._arrive(sample, is_alert=False)),
+            session.declare_subscriber(keys.every_alert, lambda sample: self._receive(sample, is_alert=True)),
+            session.declare_subscriber(keys.every_health, lambda sample: self._receive(sample, is_alert=False)),
         ]
 
-    def drain(self) -> Heard:
-        """Read what has arrived since the last call."""
+    def drain(self) -> Received:
+        """Decode what was received since the last call."""
         while self._waiting:
             received_ns, is_alert, payload = self._waiting.popleft()
             try:
                 if is_alert:
-                    self.heard.alert(Event.model_validate_json(payload), received_ns)
+                    self.received.alert(Event.model_validate_json(payload), received_ns)
                 else:
-                    self.heard.health.append(Health.read(payload, received_ns))
+                    self.received.health.append(Health.read(payload, received_ns))
             except (ValueError, TypeError, KeyError):
-                self.heard.unread += 1
-        return self.heard
+                self.received.unread += 1
+        return self.received
 
     def close(self) -> None:
-        """Stop listening."""
+        """Unsubscribe."""
         for subscriber in self._subscribers:
             subscriber.undeclare()
 
-    def _arrive(self, sample: zenoh.Sample, *, is_alert: bool) -> None:
+    def _receive(self, sample: zenoh.Sample, *, is_alert: bool) -> None:
         if len(self._waiting) >= WAITING_MAX:
-            self.heard.unread += 1
+            self.received.unread += 1
             return
-        self._waiting.append(_Arrival(self._clock.monotonic_ns(), is_alert, sample.payload.to_bytes()))
+        self._waiting.append(_Message(self._clock.monotonic_ns(), is_alert, sample.payload.to_bytes()))

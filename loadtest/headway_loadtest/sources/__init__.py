@@ -1,4 +1,4 @@
-"""Where drives come from: SPMD folders, pair files, or a synthetic fleet, named by the words of the command line."""
+"""Sources of drives: SPMD folders, pair files, or a synthetic fleet, named on the command line."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ __all__ = ["Source", "SourceError", "parse_sources"]
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Scenes of several sources, one after the other; each iteration reads them anew."""
+    """Scenes of several sources, one after the other; each iteration reads them again."""
 
     parts: Sequence[Iterable[Scene]]
 
@@ -35,7 +35,7 @@ def parse_sources(words: Sequence[str], *, seconds: float, seed: int) -> Source:
     Raises
     ------
     SourceError
-        A word names nothing that can be replayed.
+        A word names no source.
     """
     if not words:
         raise SourceError("no source: name an SPMD folder, pair files, or synthetic:N")

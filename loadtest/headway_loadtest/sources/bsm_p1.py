@@ -12,7 +12,7 @@ import numpy as np
 import polars as pl
 
 from headway_loadtest.sources.drive import Drive, Scene
-from headway_loadtest.sources.resample import steady
+from headway_loadtest.sources.resample import smooth_path
 from headway_loadtest.sources.tables import first_line, runs, stream
 from headway_schemas.keys import sanitise_id
 
@@ -45,18 +45,18 @@ class BsmP1:
         for log in runs(stream(self.path, WANTED, *AVAILABLE, header=header), LOG):
             start = log["GenTime"].min()
             yield tuple(
-                _drive(heard.with_columns(pl.col("GenTime") - start).unique("GenTime", keep="first").sort("GenTime"))
-                for heard in log.partition_by("TxDevice", maintain_order=True)
+                _drive(received.with_columns(pl.col("GenTime") - start).unique("GenTime", keep="first").sort("GenTime"))
+                for received in log.partition_by("TxDevice", maintain_order=True)
             )
 
 
-def _drive(heard: pl.DataFrame) -> Drive:
-    file_id, sender = heard.select("FileId", "TxDevice").row(0)
-    t_s = heard["GenTime"].to_numpy() / MICROSECONDS
+def _drive(received: pl.DataFrame) -> Drive:
+    file_id, sender = received.select("FileId", "TxDevice").row(0)
+    t_s = received["GenTime"].to_numpy() / MICROSECONDS
     lat, lon, speed_mps, heading_deg = (
-        heard[name].to_numpy().astype(np.float64) for name in ("Latitude", "Longitude", "Speed", "Heading")
+        received[name].to_numpy().astype(np.float64) for name in ("Latitude", "Longitude", "Speed", "Heading")
     )
-    x_m, lat, lon = steady(t_s, lat, lon, speed_mps, heading_deg)
+    x_m, lat, lon = smooth_path(t_s, lat, lon, speed_mps, heading_deg)
     return Drive(
         vehicle=sanitise_id(f"bsm-{sender}-{file_id}"),
         t_s=t_s,

@@ -1,4 +1,4 @@
-"""Drives: what vehicles would truly send, sample by sample, before anyone lies."""
+"""Drives: the true readings of vehicles, sample by sample, before faults are injected."""
 
 from dataclasses import dataclass
 

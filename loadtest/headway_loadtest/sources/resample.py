@@ -16,10 +16,10 @@ WINDOW_S = 4.0
 GAP_S = 1.0
 
 
-def steady(t_s: F64, lat: F64, lon: F64, speed_mps: F64, heading_deg: F64) -> tuple[F64, F64, F64]:
+def smooth_path(t_s: F64, lat: F64, lon: F64, speed_mps: F64, heading_deg: F64) -> tuple[F64, F64, F64]:
     """Distance travelled (m), latitude and longitude of one vehicle's path; every array is (n,).
 
-    Silences longer than a second cut the path: each part is steadied by itself, and the distance between parts is the
+    Gaps longer than a second cut the path: each part is smoothed by itself, and the distance between parts is the
     straight line.
     """
     north_m = np.radians(lat - lat[0]) * radii_m(lat[0])[0]
@@ -49,7 +49,7 @@ def _integral(t_s: F64, velocity_mps: F64) -> F64:
 
 
 def _average(residual_m: F64, t_s: F64) -> F64:
-    """Centred Hann-weighted average; near the ends over what there is."""
+    """Centred Hann-weighted average; near the ends over the samples that exist."""
     n = len(t_s)
     if n < 3:
         return residual_m

@@ -18,7 +18,7 @@ import numpy as np
 import polars as pl
 
 from headway_loadtest.sources.drive import F64, I64, Ahead, Drive, Scene
-from headway_loadtest.sources.resample import steady
+from headway_loadtest.sources.resample import smooth_path
 from headway_loadtest.sources.road import Road
 from headway_loadtest.sources.tables import batches, runs, stream
 from headway_schemas.keys import sanitise_id
@@ -83,7 +83,7 @@ def _scene(trip: pl.DataFrame, targets: pl.DataFrame | None) -> Scene:
     t_s = (columns["Time"] - columns["Time"][0]) / CENTISECONDS
     speed_mps = np.maximum(columns["SpeedWsu"], 0.0) / KMH
     heading_deg = columns["GpsHeadingWsu"] % 360.0
-    x_m, lat, lon = steady(t_s, columns["LatitudeWsu"], columns["LongitudeWsu"], speed_mps, heading_deg)
+    x_m, lat, lon = smooth_path(t_s, columns["LatitudeWsu"], columns["LongitudeWsu"], speed_mps, heading_deg)
     device, number = trip.select(TRIP).row(0)
     host = Drive(
         vehicle=sanitise_id(f"spmd-{device}-{number}"),
@@ -129,7 +129,7 @@ def _with_leaders(host: Drive, targets: pl.DataFrame) -> Scene:
 
 
 def _events(obstacle: I64, t_s: F64) -> I64:
-    """(n,) number of the following event that each sample belongs to, -1 where nobody is ahead."""
+    """(n,) number of the following event that each sample belongs to, -1 where no vehicle is ahead."""
     seen = obstacle >= 0
     began = seen & np.concatenate([[True], (np.diff(obstacle) != 0) | (np.diff(t_s) > JUMP_S)])
     return np.where(seen, np.cumsum(began) - 1, -1)

@@ -1,14 +1,14 @@
-"""A synthetic fleet: platoons of drivers who are not the filter's model, each platoon on a ring road of its own.
+"""A synthetic fleet: platoons of drivers whose model is not that of the filter, each platoon on its own ring road.
 
 Drivers follow the full velocity difference model (Jiang, Wu, Zhu 2001, doi:10.1103/PhysRevE.64.017101), each with
-parameters of his own, a reaction delay, and an imperfection that wanders:
+parameters of its own, a reaction delay, and a random imperfection:
 
     a(t) = kappa (V(gap) - v) + lambda (v_leader - v) + w(t),    gap, v and v_leader as they were a reaction ago
     V(gap) = v_max (tanh((gap - s0) / b - c) + tanh(c)) / (1 + tanh(c)),    w an Ornstein-Uhlenbeck process
 
-The head of a platoon drives at a speed of its choice, which it changes now and then: free, slow, or standing; it gets
-there at a moderate rate. What they send is what real receivers gave: 0.008 m per reading between displacement and
-speed, speed noise 0.02 m/s, a constant speed offset of up to 0.05 m/s.
+The head of a platoon chooses a speed (free, slow, or standing), changes it at random times, and reaches it at a
+moderate rate. Sensor noise is that of real receivers: 0.008 m per reading between displacement and speed, speed noise
+0.02 m/s, a constant speed offset of up to 0.05 m/s.
 """
 
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ ORIGIN_LAT, ORIGIN_LON = 42.1, -84.2
 DELAY_S = (0.2, 0.6)
 ACCEL_MIN_MPS2, ACCEL_MAX_MPS2 = -6.0, 2.5
 JERK_MPS3 = 5.0
-"""No pedal moves faster: a driver who brakes in earnest takes half a second to do so."""
+"""Limit of the jerk: full braking takes half a second to build up."""
 BRAKE_GAP_M = 1.0
 HEAD_SPEEDS_MPS = (0.0, 6.0, 9.0, 12.0, 15.0, 17.0)
 HEAD_CHANGES_S = 15.0
@@ -152,7 +152,7 @@ class Fleet:
         return np.where(touching, ACCEL_MIN_MPS2, np.clip(accel, ACCEL_MIN_MPS2, ACCEL_MAX_MPS2))
 
     def _wish(self) -> F64:
-        """(n,) speed that the head of a platoon is after at the moment; of no account for the others."""
+        """(n,) speed that the head of a platoon is after at the moment; unused for the others."""
         changing = self._is_head & (self._rng.random(len(self._goal_mps)) < self._step_s / HEAD_CHANGES_S)
         self._goal_mps[changing] = self._rng.choice(HEAD_SPEEDS_MPS, int(changing.sum()))
         slow, fast = HEAD_RATES_MPS2

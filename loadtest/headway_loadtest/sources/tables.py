@@ -19,7 +19,7 @@ BLOCK_BYTES = 1 << 24
 Schema = Mapping[str, type[pl.DataType]]
 
 
-def stream(path: Path, wanted: Schema, *keep: pl.Expr, header: Sequence[str] | None = None) -> Iterator[pl.DataFrame]:
+def stream(path: Path, wanted: Schema, *where: pl.Expr, header: Sequence[str] | None = None) -> Iterator[pl.DataFrame]:
     """Yield the wanted columns of a table, the rows that are complete and that every expression keeps.
 
     `header` names the columns of a file that has none; a column has one spelling here, whatever the file's.
@@ -38,7 +38,7 @@ def stream(path: Path, wanted: Schema, *keep: pl.Expr, header: Sequence[str] | N
     for block in blocks:
         lines = pl.scan_csv(block, has_header=False, schema=schema, null_values=NULLS)
         try:
-            yield lines.select(numbers).drop_nulls().filter(*keep).collect()
+            yield lines.select(numbers).drop_nulls().filter(*where).collect()
         except pl.exceptions.PolarsError as error:
             raise SourceError(f"{path}: {_first_line(error)}") from None
 

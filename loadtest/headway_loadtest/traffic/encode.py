@@ -18,7 +18,7 @@ GATEWAY = f"{GATEWAY_PREFIX}load"
 
 
 class Batch(NamedTuple):
-    """What is due at one instant: payloads, with the key and the number of records of each. `rows` are the senders."""
+    """Payloads that are due at one time, with the key and the number of records of each. `rows` are the senders."""
 
     due_ns: int
     keys: list[zenoh.KeyExpr]
@@ -32,7 +32,7 @@ class Encoder:
     """Payloads for the senders of a site; `bundle` records to a payload, above 1 on a gateway's key.
 
     `ids` are the senders by row, the newest where they rotate, and `ids_ever` all of them.
-    To pack a record costs 0.3 us, to put it on the bus ten times that: byte templates would gain nothing.
+    Packing a record costs 0.3 us, putting it on the bus ten times as much, so byte templates would not help.
     """
 
     def __init__(self, keys: Keys, *, bundle: int = 1) -> None:
@@ -48,7 +48,7 @@ class Encoder:
     def batches(self, frames: Iterable[Frame], schedule: Schedule) -> Iterator[Batch]:
         """Yield the batches of frames, in order; what is due later is encoded when it is asked for."""
         for frame in frames:
-            self._enter(frame)
+            self._add_senders(frame)
             due_ns = schedule.due_ns(frame.t_us)
             event_us = schedule.event_us(frame.t_us)
             bounds = [0, *(np.flatnonzero(np.diff(due_ns)) + 1).tolist(), len(due_ns)]
@@ -56,7 +56,7 @@ class Encoder:
                 if stop > start:
                     yield self._batch(frame, slice(start, stop), int(due_ns[start]), event_us)
 
-    def _enter(self, frame: Frame) -> None:
+    def _add_senders(self, frame: Frame) -> None:
         for row, vehicle, length_m in frame.entering:
             missing = row + 1 - len(self.ids)
             if missing > 0:

@@ -21,7 +21,7 @@ class FleetFrames:
     The fleet is stepped in cohorts of 1000, each with a window of its own in every step, so that none holds up the
     sending for longer than a fraction of a millisecond. With `burst` everyone sends at the same instant. With
     `rotate_s` each vehicle takes a new identifier that often, at a time of its own. An injection is of sensor kinds.
-    The vehicles of a `surge` come and go by it; they neither lie nor rotate. All can be played once.
+    The vehicles of a `surge` have no faults and do not rotate. The frames can be played once.
     """
 
     def __init__(
@@ -47,8 +47,8 @@ class FleetFrames:
         def cohort(first: int, end: int, window_ms: tuple[int, int], steps: range, inject: Spec | None) -> _Cohort:
             n = min(COHORT, end - first)
             fleet = Fleet(n, seed, first=first, window_ms=window_ms, step_ms=step_ms)
-            lies = _Lies(np.random.default_rng((seed, first, 1)), n, len(steps), inject)
-            return _Cohort(fleet, first, step_ms, lies, rotate_s if first < vehicles else np.inf, steps)
+            faults = _Faults(np.random.default_rng((seed, first, 1)), n, len(steps), inject)
+            return _Cohort(fleet, first, step_ms, faults, rotate_s if first < vehicles else np.inf, steps)
 
         made = [
             cohort(first, vehicles, window_ms, range(self._steps), inject)
@@ -76,13 +76,15 @@ def _spread(firsts: list[int]) -> list[float]:
 
 
 class _Cohort:
-    def __init__(self, fleet: Fleet, first: int, step_ms: int, lies: "_Lies", rotate_s: float, steps: range) -> None:
+    def __init__(
+        self, fleet: Fleet, first: int, step_ms: int, faults: "_Faults", rotate_s: float, steps: range
+    ) -> None:
         n = len(fleet.length_m)
         self.steps = steps
         self._fleet = fleet
         self._first = first
         self._step_ms = step_ms
-        self._lies = lies
+        self._faults = faults
         self._sent = np.zeros(n, np.int64)
         self._life = np.full(n, -1)
         self._rotate_s = rotate_s
@@ -90,22 +92,22 @@ class _Cohort:
 
     def frame(self, step: int) -> Frame:
         since = step - self.steps.start
-        told = self._lies.tell(self._fleet.step(), since)
-        present = self._lies.present(since)
-        order = np.argsort(told.t_ms, kind="stable")
+        sent = self._faults.apply(self._fleet.step(), since)
+        present = self._faults.present(since)
+        order = np.argsort(sent.t_ms, kind="stable")
         if present is not None:
             order = order[present[order]]
         msg_cnt = self._sent[order] & MSG_CNT_MASK
         self._sent[order] += 1
         return Frame(
             entering=self._entering(step),
-            t_us=(told.t_ms[order] + self.steps.start * self._step_ms) * 1000,
+            t_us=(sent.t_ms[order] + self.steps.start * self._step_ms) * 1000,
             row=order + self._first,
             msg_cnt=msg_cnt,
-            lat=told.lat[order],
-            lon=told.lon[order],
-            speed_mps=told.speed_mps[order],
-            heading_deg=told.heading_deg[order],
+            lat=sent.lat[order],
+            lon=sent.lon[order],
+            speed_mps=sent.speed_mps[order],
+            heading_deg=sent.heading_deg[order],
         )
 
     def labels(self) -> list[Label]:
@@ -117,7 +119,7 @@ class _Cohort:
                 (event.start - (event.kind is Kind.MISS)) * self._step_ms * 1000,
                 event.stop * self._step_ms * 1000,
             )
-            for row, event in self._lies.events
+            for row, event in self._faults.events
         ]
 
     def _entering(self, step: int) -> tuple[Vehicle, ...]:
@@ -136,42 +138,42 @@ class _Cohort:
         return vehicle_id(self._first + row, life)
 
 
-class _Lies:
-    """What the liars of a cohort add to their readings, step by step; drawn beforehand for the liars alone."""
+class _Faults:
+    """The faults that a cohort adds to its readings, step by step; drawn in advance for the faulty vehicles only."""
 
     def __init__(self, rng: np.random.Generator, n: int, steps: int, spec: Spec | None) -> None:
-        liars = np.flatnonzero(rng.random(n) < (0.0 if spec is None else spec.share))
+        faulty = np.flatnonzero(rng.random(n) < (0.0 if spec is None else spec.share))
         truth = np.zeros(steps)
-        told = [] if spec is None else [inject(rng, truth, truth, spec) for _ in liars]
-        self._liars = liars
+        drawn = [] if spec is None else [inject(rng, truth, truth, spec) for _ in faulty]
+        self._faulty = faulty
         self._n = n
-        self._x_m: F64 = np.array([lie.x_m for lie in told]).reshape(len(liars), steps)
-        self._v_mps: F64 = np.array([lie.v_mps for lie in told]).reshape(len(liars), steps)
-        self._present = np.array([lie.present for lie in told], np.bool_).reshape(len(liars), steps)
+        self._x_m: F64 = np.array([fault.x_m for fault in drawn]).reshape(len(faulty), steps)
+        self._v_mps: F64 = np.array([fault.v_mps for fault in drawn]).reshape(len(faulty), steps)
+        self._present = np.array([fault.present for fault in drawn], np.bool_).reshape(len(faulty), steps)
         self._silent = not self._present.all()
         self.events = [
             (int(row), event)
-            for row, lie in zip(liars, told, strict=True)
-            for event in lie.events
+            for row, fault in zip(faulty, drawn, strict=True)
+            for event in fault.events
             if not _at_an_end(event, steps)
         ]
 
-    def tell(self, truth: Readings, step: int) -> Readings:
-        if not len(self._liars):
+    def apply(self, truth: Readings, step: int) -> Readings:
+        if not len(self._faulty):
             return truth
-        rows = self._liars
+        rows = self._faulty
         lat, lon = displace(truth.lat[rows], truth.lon[rows], truth.heading_deg[rows], self._x_m[:, step])
         speed_mps = sendable_speed(truth.speed_mps[rows], truth.speed_mps[rows] + self._v_mps[:, step])
-        told = truth._replace(lat=truth.lat.copy(), lon=truth.lon.copy(), speed_mps=truth.speed_mps.copy())
-        told.lat[rows], told.lon[rows], told.speed_mps[rows] = lat, lon, speed_mps
-        return told
+        readings = truth._replace(lat=truth.lat.copy(), lon=truth.lon.copy(), speed_mps=truth.speed_mps.copy())
+        readings.lat[rows], readings.lon[rows], readings.speed_mps[rows] = lat, lon, speed_mps
+        return readings
 
     def present(self, step: int) -> NDArray[np.bool_] | None:
-        """(n,) who sends in this step; None where everyone does."""
+        """(n,) which vehicles send in this step; None: all."""
         if not self._silent:
             return None
         sends = np.ones(self._n, np.bool_)
-        sends[self._liars] = self._present[:, step]
+        sends[self._faulty] = self._present[:, step]
         return sends
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from headway_loadtest.inject.apply import Label, corrupt
 from headway_loadtest.inject.faults import Spec
 from headway_loadtest.sources.drive import F64, I64, Drive, Scene, SourceError
-from headway_loadtest.traffic.read_ahead import prefetch
+from headway_loadtest.traffic.read_ahead import read_ahead
 
 FRAME_S = 0.2
 MSG_CNT_MASK = 127
@@ -20,7 +20,7 @@ LeaderRecord = tuple[str, float, float]
 
 
 class Vehicle(NamedTuple):
-    """Who sends on a row from now on."""
+    """The sender of a row from now on."""
 
     row: int
     id: str
@@ -73,7 +73,7 @@ class SceneFrames:
 
     Scenes are read as they are needed, by a thread that is a few of them ahead, so that reading does not hold up
     sending. A scene enters at a phase of its own within 0.1 s, in whole milliseconds, drawn from the seed. `labels`
-    fills as vehicles enter, with what is injected and with the silences of the recordings. Each iteration starts anew.
+    fills as vehicles enter, with what is injected and with the gaps of the recordings. Each iteration starts again.
     `seconds` cuts the replay short.
     """
 
@@ -96,7 +96,7 @@ class SceneFrames:
     def __iter__(self) -> Iterator[Frame]:
         self.labels.clear()
         rng = np.random.default_rng(self._seed)
-        waiting = prefetch(self._scenes, SCENES_AHEAD)
+        waiting = read_ahead(self._scenes, SCENES_AHEAD)
         playing: list[_Playing] = []
         entered, now_s, exhausted = 0, 0.0, False
         while now_s < self._seconds:
@@ -105,7 +105,7 @@ class SceneFrames:
                 scene = next(waiting, None)
                 exhausted = scene is None
                 phase_us = 1000 * int(rng.integers(PHASES_MS))
-                for drive in self._told(scene or (), round(now_s * 1e6) + phase_us):
+                for drive in self._injected(scene or (), round(now_s * 1e6) + phase_us):
                     if any(drive.vehicle == other.drive.vehicle for other in playing):
                         raise SourceError(f"{drive.vehicle} drives twice at once: is a source named twice?")
                     entering.append(Vehicle(entered, drive.vehicle, drive.length_m))
@@ -117,15 +117,15 @@ class SceneFrames:
             yield _frame(tuple(entering), playing, round(min(now_s, self._seconds) * 1e6))
             playing = [drive for drive in playing if not drive.done]
 
-    def _told(self, scene: Scene, start_us: int) -> Iterator[Drive]:
+    def _injected(self, scene: Scene, start_us: int) -> Iterator[Drive]:
         for drive in scene:
-            told, labels = corrupt(drive, self._seed, self._inject)
+            sent, labels = corrupt(drive, self._seed, self._inject)
             self.labels.extend(
                 replace(label, start_us=label.start_us + start_us, stop_us=label.stop_us + start_us)
                 for label in labels
                 if label.start_us + start_us < 1e6 * self._seconds
             )
-            yield told
+            yield sent
 
 
 def _frame(entering: tuple[Vehicle, ...], playing: list[_Playing], end_us: int) -> Frame:

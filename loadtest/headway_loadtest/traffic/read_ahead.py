@@ -1,4 +1,4 @@
-"""Reading ahead: what takes long to read is read by a thread while what came before is played."""
+"""Reading ahead: a thread reads the next items while the current ones are played."""
 
 import queue
 import threading
@@ -11,14 +11,14 @@ STOP_CHECK_S = 0.1
 
 
 class _End:
-    """Nothing more to come; `error` is what ended it, if anything did."""
+    """End of the items; `error` is the exception that ended them, if any."""
 
     def __init__(self, error: Exception | None = None) -> None:
         self.error = error
 
 
-def prefetch(items: Iterable[T], depth: int) -> Iterator[T]:
-    """Yield the items, up to `depth` of them read beforehand; an error of theirs is raised where it belongs.
+def read_ahead(items: Iterable[T], depth: int) -> Iterator[T]:
+    """Yield the items, up to `depth` of them read beforehand; their error is raised in order.
 
     The thread ends with the items, or soon after the iterator is closed.
     """
@@ -43,7 +43,7 @@ def prefetch(items: Iterable[T], depth: int) -> Iterator[T]:
         except Exception as error:  # noqa: BLE001  it is raised again by the reader
             offer(_End(error))
 
-    threading.Thread(target=read, name="prefetch", daemon=True).start()
+    threading.Thread(target=read, name="read-ahead", daemon=True).start()
     try:
         while not isinstance(item := waiting.get(), _End):
             yield item

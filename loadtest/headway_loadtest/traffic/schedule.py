@@ -1,4 +1,4 @@
-"""Open loop: when each message is meant to be sent, whatever became of the ones before it.
+"""Open loop: the intended send time of each message, whatever happened to the ones before it.
 
 Event time runs `speed` times as fast as the wall clock and ends at now: a replay of `span_s` seconds of driving begins
 span_s (1 - 1 / speed) in the past. Messages go out at the first whole millisecond at or after their event time, the

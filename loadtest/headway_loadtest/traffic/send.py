@@ -1,7 +1,7 @@
-"""The sender: batches put on the bus when they are due, whatever became of the ones before.
+"""The sender: puts each batch on the bus when it is due, whatever happened to the ones before (open loop).
 
-A message that leaves late is counted from the time it was meant to leave; a put that blocks is seen, and what could
-not be put is counted by reason. While the other end is away nothing is put: it would vanish without a word.
+Lateness counts from the intended send time. Puts that block are measured, and messages that could not be put are
+counted by reason. While no peer is connected nothing is put, because zenoh would drop it silently.
 """
 
 import time
@@ -60,7 +60,7 @@ class Sent:
         return float((self.last_event_us - self.first_event_us).sum()) / 3.6e9
 
     def note_rows(self, rows: I64, event_us: int) -> None:
-        """Remember when each sender was heard of."""
+        """Record the event times of each sender."""
         missing = int(rows.max()) + 1 - len(self.last_event_us)
         if missing > 0:
             self.first_event_us = np.pad(self.first_event_us, (0, missing))

@@ -1,4 +1,4 @@
-"""A client session on zenoh with explicit endpoints: no scouting, nothing shed in silence."""
+"""A client session on zenoh with explicit endpoints: no scouting, no silent loss."""
 
 import json
 import os
@@ -6,39 +6,39 @@ import os
 import zenoh
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
-"""zenoh takes it from the environment alone: one thread to hear alerts is enough. As the service has it, since one that
-is started from here inherits it and must cost what it costs elsewhere."""
+"""zenoh reads this from the environment only; one thread is enough to receive alerts. It equals the setting of the
+service, because a service process started from here inherits it and must cost what it costs elsewhere."""
 
 CONNECT_S = 10.0
 BLOCK_S = 60.0
 """How long a put waits for a full transport before zenoh closes it: an overload shows as latency, not as loss."""
 
 
-class Link:
-    """Whether there is another end, as zenoh's own events tell: a put with nobody there vanishes without a word."""
+class Connection:
+    """Whether a peer is connected, from the events of zenoh: without one a put is dropped silently."""
 
     def __init__(self, session: zenoh.Session) -> None:
-        self._neighbours: set[str] = set()
-        self._listener = session.info.declare_transport_events_listener(self._hear, history=True)
+        self._peers: set[str] = set()
+        self._listener = session.info.declare_transport_events_listener(self._on_transport, history=True)
 
     def is_up(self) -> bool:
         """Whether a router or service is connected."""
-        return bool(self._neighbours)
+        return bool(self._peers)
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop receiving events."""
         self._listener.undeclare()
 
-    def _hear(self, event: zenoh.TransportEvent) -> None:
-        neighbour = str(event.transport.zid)
+    def _on_transport(self, event: zenoh.TransportEvent) -> None:
+        peer = str(event.transport.zid)
         if event.kind == zenoh.SampleKind.PUT:
-            self._neighbours.add(neighbour)
+            self._peers.add(peer)
         else:
-            self._neighbours.discard(neighbour)
+            self._peers.discard(peer)
 
 
 class SessionError(RuntimeError):
-    """No session: one line that says where it was looked for and what to do."""
+    """No session: one line with the endpoint and what to do."""
 
 
 def connect(endpoint: str) -> zenoh.Session:
@@ -47,7 +47,7 @@ def connect(endpoint: str) -> zenoh.Session:
     Raises
     ------
     SessionError
-        Nobody answers there within 10 s, or the endpoint is malformed.
+        No router or service answers within 10 s, or the endpoint is malformed.
     """
     config = zenoh.Config()
     for key, value in (

@@ -1,4 +1,4 @@
-"""A surge: for a while more vehicles than the service can hold."""
+"""A surge: for some time more vehicles than the service can process."""
 
 from dataclasses import dataclass
 
@@ -13,5 +13,5 @@ class Surge:
 
     @property
     def stop_s(self) -> float:
-        """When they have gone."""
+        """End of the surge in replay time."""
         return self.start_s + self.seconds

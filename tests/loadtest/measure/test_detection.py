@@ -5,7 +5,7 @@ from headway_loadtest.inject.faults import Kind, Sensor
 from headway_loadtest.measure.detection import GRACE_US, assess
 from headway_loadtest.measure.subscriber import Episode
 from headway_loadtest.traffic.schedule import Schedule
-from headway_schemas import Kind as Stated
+from headway_schemas import Kind as AlertKind
 from headway_schemas import Sensor as StatedSensor
 
 S = 1_000_000
@@ -16,7 +16,7 @@ def label(vehicle="a", start_s=10.0, stop_s=12.0, kind=Kind.BIAS):
     return Label(vehicle, Sensor.SPEED, kind, int(start_s * S), int(stop_s * S))
 
 
-def episode(suspect="a", onset_s=10.5, last_s=None, kind=Stated.BIAS, leader=None, follower=None, received_s=None):
+def episode(suspect="a", onset_s=10.5, last_s=None, kind=AlertKind.BIAS, leader=None, follower=None, received_s=None):
     onset_us = int(onset_s * S)
     return Episode(
         event_id=f"{suspect}-{onset_s}",
@@ -74,16 +74,16 @@ def test_the_neighbour_of_a_liar_is_blamed_by_name():
 
 
 def test_a_vehicle_that_has_left_is_neither_right_nor_wrong():
-    quality = judged([], [episode(kind=Stated.MISS, onset_s=100.0)])
+    quality = judged([], [episode(kind=AlertKind.MISS, onset_s=100.0)])
     assert (quality.departures, quality.false_alarms) == (1, 0)
-    quality = judged([], [episode(kind=Stated.MISS, onset_s=50.0)])
+    quality = judged([], [episode(kind=AlertKind.MISS, onset_s=50.0)])
     assert (quality.departures, quality.false_alarms) == (0, 1)
 
 
 def test_who_has_dragged_his_location_lies_ever_after():
-    quality = judged([label(kind=Kind.DRAG)], [episode(onset_s=60.0, kind=Stated.RANGE)])
+    quality = judged([label(kind=Kind.DRAG)], [episode(onset_s=60.0, kind=AlertKind.RANGE)])
     assert (quality.found, quality.false_alarms) == (0, 0)
-    quality = judged([label(kind=Kind.DRAG)], [episode(onset_s=11.0, kind=Stated.RESPONSE)])
+    quality = judged([label(kind=Kind.DRAG)], [episode(onset_s=11.0, kind=AlertKind.RESPONSE)])
     assert quality.by_kind["drag"].named == 1
 
 

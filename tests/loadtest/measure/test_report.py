@@ -8,7 +8,7 @@ from headway_loadtest.inject.faults import BY_LABEL
 from headway_loadtest.measure.accounting import Ledger
 from headway_loadtest.measure.detection import KindScore, Quality
 from headway_loadtest.measure.percentiles import Percentiles
-from headway_loadtest.measure.report import MEANINGS, Targets, misses, show, to_json
+from headway_loadtest.measure.report import MEANINGS, Targets, missed_targets, show, to_json
 from headway_loadtest.measure.result import INTENDED, Outcome, Service
 
 QUICK = Percentiles(1.0, 4.0, 6.0, 9.0, 1000)
@@ -87,7 +87,7 @@ def test_json_of_a_run_that_nobody_heard():
     ],
 )
 def test_each_missed_target_is_a_sentence(outcome, targets, missed):
-    assert misses(outcome, targets) == missed
+    assert missed_targets(outcome, targets) == missed
 
 
 def test_the_report_is_for_everyone():
@@ -100,7 +100,7 @@ def test_the_report_is_for_everyone():
 
 def test_the_report_says_what_went_wrong():
     assert "10 of 1,000 sent are unaccounted for" in printed(with_ledger(1000, 900, 90, {}, {}))
-    assert "others send to this service too" in printed(with_ledger(1000, 1010, 0, {}, {}))
+    assert "this service has other senders too" in printed(with_ledger(1000, 1010, 0, {}, {}))
     assert "No headway service reported" in printed(replace(OUTCOME, service=None))
     slow = replace(OUTCOME, late=Percentiles(1.0, 50.0, 60.0, 90.0, 1000), stalled_s=1.5)
     assert "generator itself was late: 99 % within 50.0 ms" in printed(slow)

@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from headway_loadtest.measure.subscriber import WAITING_MAX, Listener
+from headway_loadtest.measure.subscriber import WAITING_MAX, Subscriber
 from headway_schemas import Keys
 
 KEYS = Keys("v2x", "crossing")
@@ -64,7 +64,7 @@ def event(phase="onset", t_us=1000, kind="bias", **others):
 @pytest.fixture
 def world():
     session, clock = FakeSession(), FakeClock()
-    return session, clock, Listener(session, KEYS, clock)
+    return session, clock, Subscriber(session, KEYS, clock)
 
 
 def arrive(world, content, *, alert=True, at_ns=0):
@@ -78,11 +78,11 @@ def test_the_life_of_an_event_is_one_episode(world):
     arrive(world, event("onset", 1000, "short"), at_ns=5)
     arrive(world, event("update", 3000, "noise"), at_ns=6)
     arrive(world, event("cleared", 4000, "bias"), at_ns=7)
-    heard = world[2].drain()
-    (episode,) = heard.episodes.values()
+    received = world[2].drain()
+    (episode,) = received.episodes.values()
     assert (episode.received_ns, episode.onset_us, episode.last_us) == (5, 1000, 4000)
     assert (episode.kind, episode.cleared) == ("bias", True)
-    assert heard.alerts == 3
+    assert received.alerts == 3
 
 
 def test_health_comes_with_its_time(world):
@@ -95,28 +95,28 @@ def test_health_comes_with_its_time(world):
 @pytest.mark.parametrize("content", [b"[]", b"{}", b"3", b'{"instance": "i"}', b"\xff"])
 def test_health_that_is_none_is_counted(world, content):
     arrive(world, content, alert=False)
-    heard = world[2].drain()
-    assert (heard.unread, heard.health) == (1, [])
+    received = world[2].drain()
+    assert (received.unread, received.health) == (1, [])
 
 
 def test_an_event_that_began_before_us_is_not_ours(world):
     arrive(world, event("update", 3000))
-    heard = world[2].drain()
-    assert (heard.alerts, heard.episodes) == (1, {})
+    received = world[2].drain()
+    assert (received.alerts, received.episodes) == (1, {})
 
 
 @pytest.mark.parametrize("content", [b"\xff", b"{}", json.dumps({"event_id": "e"}).encode()])
 def test_what_cannot_be_read_is_counted(world, content):
     arrive(world, content)
-    heard = world[2].drain()
-    assert (heard.unread, heard.alerts) == (1, 0)
+    received = world[2].drain()
+    assert (received.unread, received.alerts) == (1, 0)
 
 
 def test_nothing_is_read_before_it_is_drained_and_nothing_piles_up(world):
     for _ in range(WAITING_MAX + 3):
         arrive(world, b"{}", alert=False)
-    assert world[2].heard.unread == 3
-    assert world[2].heard.health == []
+    assert world[2].received.unread == 3
+    assert world[2].received.health == []
 
 
 def test_close_undeclares_both(world):

@@ -36,8 +36,8 @@ def written(tmp_path, text, encoding="utf-8"):
     return path
 
 
-def rows(path, *keep, **options):
-    return [row for block in stream(path, WANTED, *keep, **options) for row in block.rows()]
+def rows(path, *where, **options):
+    return [row for block in stream(path, WANTED, *where, **options) for row in block.rows()]
 
 
 def test_a_stream_is_the_table_whatever_the_block(tmp_path, monkeypatch):

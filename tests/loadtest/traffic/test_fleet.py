@@ -36,11 +36,11 @@ def test_a_burst_is_everyone_at_once():
 def test_a_share_of_the_fleet_lies_and_the_labels_say_when():
     spec = Spec(kinds=(Kind.BIAS,), c=100.0, p=0.05, share=0.1)
     source, honest = FleetFrames(200, 10.0, seed=4, inject=spec), FleetFrames(200, 10.0, seed=4)
-    lies, truth = list(source), list(honest)
-    differs = columns(lies, "speed_mps") != columns(truth, "speed_mps")
-    rows, steps = columns(lies, "row"), columns(lies, "t_us") // 100_000
-    liars = set(rows[differs].tolist())
-    assert 8 <= len(liars) <= 35
+    faults, truth = list(source), list(honest)
+    differs = columns(faults, "speed_mps") != columns(truth, "speed_mps")
+    rows, steps = columns(faults, "row"), columns(faults, "t_us") // 100_000
+    faulty = set(rows[differs].tolist())
+    assert 8 <= len(faulty) <= 35
     labelled = np.zeros_like(differs)
     for label in source.labels:
         if label.sensor is Sensor.SPEED:

@@ -2,16 +2,16 @@ import threading
 
 import pytest
 
-from headway_loadtest.traffic.read_ahead import prefetch
+from headway_loadtest.traffic.read_ahead import read_ahead
 
 
 def threads():
-    return [thread for thread in threading.enumerate() if thread.name == "prefetch"]
+    return [thread for thread in threading.enumerate() if thread.name == "read-ahead"]
 
 
 def test_items_come_in_order_and_end():
-    assert list(prefetch(range(100), 3)) == list(range(100))
-    assert list(prefetch([], 3)) == []
+    assert list(read_ahead(range(100), 3)) == list(range(100))
+    assert list(read_ahead([], 3)) == []
 
 
 def test_no_more_than_the_depth_is_read_ahead():
@@ -22,7 +22,7 @@ def test_no_more_than_the_depth_is_read_ahead():
             read.append(i)
             yield i
 
-    ahead = prefetch(items(), 5)
+    ahead = read_ahead(items(), 5)
     assert next(ahead) == 0
     ahead.close()
     assert len(read) <= 1 + 5 + 1
@@ -33,7 +33,7 @@ def test_an_error_comes_after_what_was_read_before_it():
         yield 1
         raise ValueError("row 2")
 
-    ahead = prefetch(items(), 5)
+    ahead = read_ahead(items(), 5)
     assert next(ahead) == 1
     with pytest.raises(ValueError, match="row 2"):
         next(ahead)
@@ -41,7 +41,7 @@ def test_an_error_comes_after_what_was_read_before_it():
 
 def test_the_thread_ends_when_nobody_reads_on():
     earlier = set(threads())
-    ahead = prefetch(iter(int, 1), 2)
+    ahead = read_ahead(iter(int, 1), 2)
     next(ahead)
     [reader] = set(threads()) - earlier
     ahead.close()

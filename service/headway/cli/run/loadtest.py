@@ -12,7 +12,7 @@ from headway.cli.run.progress import in_one_line, progress_bar
 from headway.cli.run.service_process import running_service, scraping
 from headway_loadtest import run as runs
 from headway_loadtest.inject.faults import ALGORITHM_1, Spec
-from headway_loadtest.measure.report import Targets, misses, show, to_json
+from headway_loadtest.measure.report import Targets, missed_targets, show, to_json
 from headway_loadtest.measure.result import Outcome
 from headway_loadtest.traffic.fleet import FleetFrames
 from headway_loadtest.traffic.session import connect
@@ -62,9 +62,9 @@ def loadtest(
         typer.echo(json.dumps(to_json(outcome, targets)))
     else:
         show(outcome, console)
-        for missed in misses(outcome, targets):
+        for missed in missed_targets(outcome, targets):
             console.print(f"[red]target missed:[/] {missed}")
-    return 1 if misses(outcome, targets) else 0
+    return 1 if missed_targets(outcome, targets) else 0
 
 
 def find_limit(*, vehicles_max: int, rate_hz: float, bundle: int, as_json: bool) -> int:
@@ -75,7 +75,7 @@ def find_limit(*, vehicles_max: int, rate_hz: float, bundle: int, as_json: bool)
     while high - low > max(1, LIMIT_STEP_SHARE * low):
         load = Load(vehicles, LIMIT_SECONDS, rate_hz, bundle)
         outcome, targets = _carry(load, console), targets_for(load)
-        missed = misses(outcome, targets)
+        missed = missed_targets(outcome, targets)
         tried.append(to_json(outcome, targets))
         console.print(f"{vehicles} vehicles: {'; '.join(missed) or 'all targets met'}")
         low, high = (low, vehicles) if missed else (vehicles, high)

@@ -107,7 +107,7 @@ class Reporter:
             lost=ledger.lost,
             events=sum(ledger.events.values()),
             latency_ms=dict(context.latencies.percentiles_ms()),
-            missed=ledger.sequence_gap_messages,
+            sequence_gap_messages=ledger.sequence_gap_messages,
             histograms_us=context.latencies.cumulative_us(),
             cpu_s=time.process_time(),
             rss_mb=rss_mb(),

@@ -9,7 +9,7 @@ from headway_loadtest.evaluate.paper.stochastic_delay import eps_moments
 JITTER_S = 0.2
 
 
-def steady(v0_mps: float, a_mps2: float) -> Leader:
+def smooth_path(v0_mps: float, a_mps2: float) -> Leader:
     t_s = INTERVAL_S * np.arange(200)
     return Leader(v0_mps * t_s + 0.5 * a_mps2 * t_s**2, v0_mps + a_mps2 * t_s)
 
@@ -17,7 +17,7 @@ def steady(v0_mps: float, a_mps2: float) -> Leader:
 def test_under_constant_acceleration_the_moments_are_the_expansions_own() -> None:
     """eps = [-v kappa + a kappa^2 / 2, -a kappa]: mean [a sigma^2 / 2, 0], variance of location + a^2 sigma^4 / 2."""
     a = 1.5
-    leader = steady(3.0, a)
+    leader = smooth_path(3.0, a)
     found = eps_moments(leader, JITTER_S, np.random.default_rng(1), draws=20_000)
     margin = (200 - len(found.mean)) // 2
     v = leader.v_mps[margin:-margin]
@@ -28,7 +28,7 @@ def test_under_constant_acceleration_the_moments_are_the_expansions_own() -> Non
 
 
 def test_first_order_is_right_for_a_leader_who_keeps_moving() -> None:
-    found = eps_moments(steady(5.0, 0.5), JITTER_S, np.random.default_rng(2))
+    found = eps_moments(smooth_path(5.0, 0.5), JITTER_S, np.random.default_rng(2))
     assert found.std_ratio == pytest.approx([1.0, 1.0], abs=0.02)
     assert found.understated().max() == 0.0
 
@@ -42,6 +42,6 @@ def test_first_order_fails_for_a_leader_who_is_about_to_move() -> None:
 
 
 def test_the_covariance_grows_with_the_square_of_sigma() -> None:
-    small, large = (eps_moments(steady(8.0, 0.3), s, np.random.default_rng(4)) for s in (0.05, 0.1))
+    small, large = (eps_moments(smooth_path(8.0, 0.3), s, np.random.default_rng(4)) for s in (0.05, 0.1))
     ratio = large.covariance.mean(axis=0)[0, 0] / small.covariance.mean(axis=0)[0, 0]
     assert ratio == pytest.approx(4.0, rel=0.05)
