@@ -5,8 +5,11 @@ import pytest
 from hypothesis import settings
 
 import headway  # noqa: F401 - says where kernels are kept, which numba must know before it is imported
+from headway.core.runtime import bound_kernel
 
 ROOT = Path(__file__).resolve().parents[1]
+
+bound_kernel.check_arguments = True
 
 settings.register_profile("suite", deadline=None)
 settings.load_profile("suite")

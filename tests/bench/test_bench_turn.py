@@ -60,17 +60,18 @@ def test_a_turn(benchmark: BenchmarkFixture, records: int, bundle: int) -> None:
 def test_a_look_for_the_leader(benchmark: BenchmarkFixture) -> None:
     stream = received_messages(1)
     engine = rig_after(stream, WARM_S * 10 * VEHICLES).engine
+    tables = engine._site.tables
     rows = np.arange(VEHICLES)
     nobody, changed = np.full(VEHICLES, pairing.NO_LEADER), np.empty(VEHICLES, np.bool_)
-    now_us = int(engine._tracks["received_us"].max())
+    now_us = int(tables.tracks["received_us"].max())
 
     def prepare() -> None:
-        engine._pairing["search_us"] = 0
+        tables.pairing["search_us"] = 0
 
     benchmark.extra_info["readings"] = VEHICLES
     benchmark.pedantic(
         pairing.find_leaders,
-        (engine._tracks, engine._pairing, engine._grid, rows, nobody, now_us, 200.0, 3.5, changed),
+        (tables.tracks, tables.pairing, tables.grid, rows, nobody, now_us, 200.0, 3.5, changed),
         setup=prepare,
         rounds=100,
         warmup_rounds=2,

@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from headway.core.tracking.pairing import NO_LEADER, find_leaders, gaps_m, leader_of, new_pairing
 from headway.core.tracking.spatial_index import new_grid
 from headway.core.tracking.tracks import advance, extend_path_history, new_tracks
-from headway.core.types.batch import F64, I64
+from headway.core.types.batch import F64, I64, Columns
+from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
 START_US = 1_700_000_000_000_000
@@ -88,6 +89,14 @@ class Car:
         return lat, lon, speed, math.degrees(heading) % 360.0 if self.declares_heading else math.nan
 
 
+def columns_of(
+    t_us: I64, msg_cnt: I64, lat_deg: F64, lon_deg: F64, speed_mps: F64, heading_deg: F64, accuracy_m: F64
+) -> Columns:
+    """Return the columns of records received at once, of unknown length and without a forward sensor."""
+    unknown = np.full(t_us.size, np.nan)
+    return Columns(t_us, t_us, msg_cnt, lat_deg, lon_deg, speed_mps, heading_deg, accuracy_m, *[unknown] * 3)
+
+
 @dataclass
 class World:
     """Tracks and pairing as the engine drives them; row i is car i."""
@@ -114,30 +123,13 @@ class World:
         msg_cnt: int = 0,
         accuracy_m: float = math.nan,
     ) -> tuple[NDArray[np.uint8], F64, I64, NDArray[np.bool_]]:
-        """Return outcome, x_m, missed and began of one wave."""
+        """Return outcome, x_m (NaN if rejected), sequence gap and whether the odometer is new, for one round."""
         n = len(rows)
         times = np.broadcast_to(np.asarray(t_us, np.int64), n).copy()
-        outcome, x_m = np.empty(n, np.uint8), np.empty(n)
-        sequence_gaps, initialised = np.empty(n, np.int64), np.empty(n, np.bool_)
-        advance(
-            self.tracks,
-            rows,
-            times,
-            times,
-            np.full(n, msg_cnt % 128, np.int64),
-            lat,
-            lon,
-            speed,
-            heading,
-            np.full(n, accuracy_m),
-            np.full(n, np.nan),
-            5.0,
-            outcome,
-            x_m,
-            sequence_gaps,
-            initialised,
-        )
-        return outcome, x_m, sequence_gaps, initialised
+        numbers = columns_of(times, np.full(n, msg_cnt % 128), lat, lon, speed, heading, np.full(n, accuracy_m))
+        done = advance(self.tracks, rows, numbers, np.arange(n), 5.0)
+        x_m = np.where(done.outcome == Outcome.SCORED, self.tracks["x_m"][rows], np.nan)
+        return done.outcome, x_m, done.sequence_gap, done.initialised
 
     def extend_path_history(self, rows: I64, trusted: NDArray[np.bool_], v_mps: F64) -> None:
         """Pass the judgement on."""

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from core.roads import columns_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -40,19 +41,11 @@ def run(drive: list, order: NDArray[np.int64]) -> tuple[Records, Records]:
         t_us += step_us
         lat, lon, speed, heading, trusted = (np.array(column)[order] for column in zip(*columns, strict=True))
         times = np.full(ROWS, t_us)
-        unknown = np.full(ROWS, np.nan)
-        outcome, x_m = np.empty(ROWS, np.uint8), np.empty(ROWS)
-        sequence_gaps, initialised, changed = (
-            np.empty(ROWS, np.int64),
-            np.empty(ROWS, np.bool_),
-            np.empty(ROWS, np.bool_),
-        )
-        counts = times // 100_000 % 128
-        own = (times, times, counts, lat, lon, speed, heading, unknown, unknown)
-        advance(tracks, order, *own, MAX_GAP_S, outcome, x_m, sequence_gaps, initialised)
-        ok = outcome == Outcome.SCORED
-        assert (np.isfinite(x_m) == ok).all()
-        assert ((sequence_gaps >= 0) & (sequence_gaps < 128)).all()
+        unknown, changed = np.full(ROWS, np.nan), np.empty(ROWS, np.bool_)
+        numbers = columns_of(times, times // 100_000 % 128, lat, lon, speed, heading, unknown)
+        done = advance(tracks, order, numbers, np.arange(ROWS), MAX_GAP_S)
+        ok = done.outcome == Outcome.SCORED
+        assert ((done.sequence_gap >= 0) & (done.sequence_gap < 128)).all()
         extend_path_history(tracks, order[ok], trusted[ok], speed[ok])
         find_leaders(tracks, pairing, grid, order[ok], (order[ok] + 1) % ROWS, t_us, 150.0, 3.6, changed)
     return tracks, pairing
@@ -97,14 +90,11 @@ def test_bad_positions_found_out_leave_no_trace(lies: dict[int, tuple[float, flo
     tracks, row = new_tracks(1), np.array([0])
     direction = math.sin(math.radians(heading)), math.cos(math.radians(heading))
     east_per_degree, north_per_degree = metres_per_degree(48.0)
-    x_m = np.empty(1)
     for k in range(60):
         off = lies.get(k, (0.0, 0.0))
         east, north = (2.0 * k * d + o for d, o in zip(direction, off, strict=True))
         place = 48.0 + north / north_per_degree, 11.0 + east / east_per_degree
-        one = (np.array([value]) for value in (*place, 20.0, heading))
-        t_us, nan = np.array([START_US + k * 100_000]), np.array([np.nan])
-        out = np.empty(1, np.uint8), x_m, np.empty(1, np.int64), np.empty(1, np.bool_)
-        advance(tracks, row, t_us, t_us, np.array([k]), *one, nan, nan, MAX_GAP_S, *out)
+        one = (np.array([value]) for value in (*place, 20.0, heading, np.nan))
+        advance(tracks, row, columns_of(np.array([START_US + k * 100_000]), np.array([k]), *one), row, MAX_GAP_S)
         extend_path_history(tracks, row, np.array([k not in lies]), np.array([20.0]))
-    assert abs(x_m[0] - 118.0) < 0.01
+    assert abs(tracks["x_m"][0] - 118.0) < 0.01

@@ -29,7 +29,7 @@ class Follower:
             verdict["kind"], verdict["sensor"], verdict["confidence"] = kind, sensor, 0.75
         self.t_us += STEP_US
         t_us = np.array([self.t_us])
-        return self.log.judge(np.array([self.row]), np.array([self.row]), np.array([-1]), t_us, t_us, verdict)
+        return self.log.update(np.array([self.row]), np.array([self.row]), np.array([-1]), t_us, t_us, verdict)
 
 
 def test_clean_readings_say_nothing() -> None:

@@ -134,13 +134,14 @@ def test_a_speed_that_is_stuck_at_zero_does_not_bend_the_odometer() -> None:
     assert record.x_m[:, 0] == pytest.approx(12.0 * record.t_s, abs=0.1)
 
 
-def test_same_event_time_is_a_duplicate_and_an_older_one_out_of_order() -> None:
+def test_same_count_and_time_is_a_duplicate_and_anything_else_not_newer_out_of_order() -> None:
     world = World()
     hear(world, 0.0, 0.0)
     hear(world, 0.1, 1.0, msg_cnt=1)
     before = world.tracks.tobytes()
-    outcome, x_m, sequence_gaps, initialised = hear(world, 0.1, 50.0, msg_cnt=2)
+    outcome, x_m, sequence_gaps, initialised = hear(world, 0.1, 50.0, msg_cnt=1)
     assert (outcome, sequence_gaps, initialised) == (Outcome.DUPLICATE, 0, False)
+    assert hear(world, 0.1, 1.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert math.isnan(x_m)
     assert hear(world, 0.05, 50.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert world.tracks.tobytes() == before

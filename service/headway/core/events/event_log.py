@@ -59,7 +59,7 @@ class EventLog:
         """Return how many events are under way."""
         return len(self._open)
 
-    def judge(
+    def update(
         self, rows: I64, suspects: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records
     ) -> list[AnomalyEvent]:
         """Take one verdict for each of the distinct `rows` and return what is to be said.

@@ -35,6 +35,11 @@ class MissLog:
         self.active[row] = False
         return event
 
+    def drop(self, row: int) -> None:
+        """Forget the miss of a row, if any, without an event update."""
+        self._ids.pop(row, None)
+        self.active[row] = False
+
     def snapshot(self, rows: I64) -> list[OpenMiss]:
         """Return the misses of `rows` (n,)."""
         return [OpenMiss(int(row), self._ids[int(row)]) for row in rows[self.active[rows]]]

@@ -1,13 +1,14 @@
-"""What is left to do for the readings of a wave once filter and link tests have spoken, in one pass over them."""
+"""After the verdicts: store them, and classify each reading by its outcome and by the logs that need it."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from headway.core.pipeline.ingest import Ingested
+from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.tracking.reception import limit_us
-from headway.core.types.batch import F64, I64
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Records, Sensor
 
@@ -16,69 +17,55 @@ _LOCATION = int(Sensor.LOCATION)
 _NO_KIND = int(Kind.NONE)
 
 FILTER_EVENT, PAIR_EVENT, REAPPEARED = 1, 2, 4
-"""Marks of a reading that the log of the filter's events, that of the link's, or that of misses has to look at."""
+"""Marks of a reading: for the log of the filter's events, of the pair tests' events, of misses."""
 
 
-class RoundCounts(NamedTuple):
-    """Counts over a wave."""
+class Classified(NamedTuple):
+    """The classes of the n readings of a round, and counts over them."""
 
-    marks: int
-    """All marks of all readings."""
+    outcomes: NDArray[np.uint8]
+    """(n,) SCORED or WARMING."""
+    marks: NDArray[np.uint8]
+    """(n,)"""
+    all_marks: int
+    """The marks of all readings, or-ed."""
     anomalous: int
     repairs: int
     restarts: int
 
 
 @njit(cache=True)
-def store(
-    rows: I64,
-    readings: Records,
-    verdicts: Records,
-    newest_verdicts: Records,
-    verdict_t_s: F64,
-    out_located: NDArray[np.bool_],
-) -> None:
-    """Keep each row's newest verdict and its time; `out_located` (B,): the location may be believed."""
+def store(tables: Tables, ingested: Ingested, verdicts: Records) -> NDArray[np.bool_]:
+    """Store each row's newest verdict and its event time; return (n,) whether the location is valid."""
+    rows, location_valid = ingested.rows, np.empty(ingested.rows.size, np.bool_)
     for i in range(rows.size):
-        newest_verdicts[rows[i]] = verdicts[i]
-        verdict_t_s[rows[i]] = readings[i].t_s
-        out_located[i] = verdicts[i].sensor & _LOCATION == 0
+        tables.newest_verdicts[rows[i]] = verdicts[i]
+        tables.verdict_t_s[rows[i]] = ingested.readings[i].t_s
+        location_valid[i] = verdicts[i].sensor & _LOCATION == 0
+    return location_valid
 
 
 @njit(cache=True)
 def classify(
-    tracks: Records,
-    rows: I64,
-    verdicts: Any,
-    pair_tests: Any,
-    step_us: I64,
-    silence_timeout_s: float,
-    warming_readings: int,
-    filter_event_active: NDArray[np.bool_],
-    pair_event_active: NDArray[np.bool_],
-    miss_event_active: NDArray[np.bool_],
-    out_outcomes: NDArray[np.uint8],
-    out_marks: NDArray[np.uint8],
-) -> RoundCounts:
-    """Write the outcome of each reading (B,), and mark those that the logs of events have to look at.
-
-    `step_us` (B,) is the step in event time that brought each vehicle back. The three `active` (C,) say for which
-    rows an event of each log is under way.
-    """
-    marks, anomalous, repairs, restarts = 0, 0, 0, 0
+    tables: Tables, ingested: Ingested, verdicts: Records, pair_verdicts: Records, params: RoundParams
+) -> Classified:
+    """Return the outcome of each reading, and marks for the logs that need it: of a fault, or of an open event."""
+    rows = ingested.rows
+    outcomes, marks = np.empty(rows.size, np.uint8), np.empty(rows.size, np.uint8)
+    all_marks, anomalous, repairs, restarts = 0, 0, 0, 0
     for i in range(rows.size):
-        row, verdict, mark = rows[i], verdicts[i], 0
-        out_outcomes[i] = _WARMING if verdict.warming else _SCORED
-        if verdict.anomalous or filter_event_active[row]:
+        row, track, verdict, mark = rows[i], tables.tracks[rows[i]], verdicts[i], 0
+        outcomes[i] = _WARMING if verdict.warming else _SCORED
+        if verdict.anomalous or tables.filter_event_active[row]:
             mark |= FILTER_EVENT
-        if pair_tests[i].kind != _NO_KIND or pair_event_active[row]:
+        if pair_verdicts[i].kind != _NO_KIND or tables.pair_event_active[row]:
             mark |= PAIR_EVENT
-        known = tracks[row].count > warming_readings
-        if miss_event_active[row] or (known and step_us[i] > limit_us(tracks[row].interval_s, silence_timeout_s)):
+        late = ingested.step_us[i] > limit_us(track.interval_s, params.silence_timeout_s)
+        if tables.miss_event_active[row] or (late and track.count > params.warming_readings):
             mark |= REAPPEARED
-        out_marks[i] = mark
-        marks |= mark
+        marks[i] = mark
+        all_marks |= mark
         anomalous += verdict.anomalous
         repairs += verdict.repaired
         restarts += verdict.restarted
-    return RoundCounts(marks, anomalous, repairs, restarts)
+    return Classified(outcomes, marks, all_marks, anomalous, repairs, restarts)

@@ -1,4 +1,4 @@
-"""Who judges a reading: the filter of the model, and the tests between two cars. What both keep is a bank row."""
+"""The detectors of a configuration: the motion model and the pair tests. Their state is one bank row."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,7 @@ from headway.core.estimation import registry
 from headway.core.types.config import DetectorConfig
 
 PAIR_TEST_SHARE = 0.5
-"""Of the alarm budget, what the tests between two cars may spend; the rest is the filter's."""
+"""Share of the alarm budget for the pair tests; the rest is for the motion model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +19,11 @@ class Detectors:
     model: registry.Model
     pair_test_params: PairTestParams
     dtype: np.dtype[np.void]
-    """Row of the bank: `model`, the filter's part, and `pair_tests`."""
+    """Row of the bank: `model` for the motion model, and `pair_tests`."""
 
 
 def build_detectors(config: DetectorConfig) -> Detectors:
-    """Return the judges that `config` asks for; KeyError for an unknown model."""
+    """Return the detectors of `config`; KeyError for an unknown model."""
     model = registry.build(
         replace(config, alarm_budget_per_hour=(1.0 - PAIR_TEST_SHARE) * config.alarm_budget_per_hour)
     )

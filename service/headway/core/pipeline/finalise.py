@@ -1,4 +1,4 @@
-"""From verdicts to outcomes: one compiled call after the filter."""
+"""From verdicts to outcomes: one compiled call after the motion model."""
 
 from typing import NamedTuple
 
@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, PairTestParams, step_pair_tests, substitute_rejected
-from headway.core.pipeline.classify import RoundCounts, classify, store
+from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, step_pair_tests, substitute_rejected
+from headway.core.pipeline.classify import Classified, classify, store
 from headway.core.pipeline.ingest import Ingested
-from headway.core.pipeline.tables import Limits, Tables
+from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.tracking.pairing import find_leaders
 from headway.core.tracking.tracks import extend_path_history
 from headway.core.types.batch import F64, I64
@@ -18,13 +18,11 @@ from headway.core.types.records import Records
 
 
 class Finalised(NamedTuple):
-    """What a wave came to."""
+    """The result of a round."""
 
-    counts: RoundCounts
-    pair_tests: Records
-    """(n,) of LINK_VERDICT."""
-    marks: NDArray[np.uint8]
-    """(n,) of `classify`."""
+    classified: Classified
+    pair_verdicts: Records
+    """(n,) of PAIR_TEST_VERDICT."""
     nis: F64
     """Of the scored readings."""
     leader_changes: int
@@ -40,16 +38,13 @@ def finalise(
     declared_rows: I64,
     verdicts: Records,
     now_us: int,
-    limits: Limits,
-    pair_test_params: PairTestParams,
+    params: RoundParams,
     out_outcomes: NDArray[np.uint8],
 ) -> Finalised:
-    """Take the `verdicts` (n,) of the filter into all tables, and write the outcomes of the readings (B,)."""
-    rows, readings = ingested.rows, ingested.readings
-    n = rows.size
-    located = np.empty(n, np.bool_)
-    store(rows, readings, verdicts, tables.newest_verdicts, tables.verdict_t_s, located)
-    extend_path_history(tables.tracks, rows, located, verdicts["v_mps"])
+    """Update all tables with the `verdicts` (n,) of the motion model, and write the outcomes of the readings (B,)."""
+    rows = ingested.rows
+    location_valid = store(tables, ingested, verdicts)
+    extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"])
     leader_changes = find_leaders(
         tables.tracks,
         tables.pairing,
@@ -57,29 +52,14 @@ def finalise(
         rows,
         declared_rows[ingested.places],
         now_us,
-        limits.pairing_range_m,
-        limits.lane_width_m,
-        np.empty(n, np.bool_),
+        params.pairing_range_m,
+        params.lane_width_m,
+        np.empty(rows.size, np.bool_),
     )
-    pair_tests = np.zeros(n, PAIR_TEST_VERDICT)
-    step_pair_tests(
-        tables.pair_tests, rows, ingested.leaders, substitute_rejected(readings, verdicts), pair_test_params, pair_tests
-    )
-    outcomes, marks = np.empty(n, np.uint8), np.empty(n, np.uint8)
-    counts = classify(
-        tables.tracks,
-        rows,
-        verdicts,
-        pair_tests,
-        ingested.step_us,
-        limits.silence_timeout_s,
-        limits.warming_readings,
-        tables.filter_event_active,
-        tables.pair_event_active,
-        tables.miss_event_active,
-        outcomes,
-        marks,
-    )
-    out_outcomes[ingested.places] = outcomes
-    nis = verdicts["nis"][outcomes == _SCORED]
-    return Finalised(counts, pair_tests, marks, nis, leader_changes)
+    pair_verdicts = np.zeros(rows.size, PAIR_TEST_VERDICT)
+    substituted = substitute_rejected(ingested.readings, verdicts)
+    step_pair_tests(tables.pair_tests, rows, ingested.leaders, substituted, params.pair_tests, pair_verdicts)
+    classified = classify(tables, ingested, verdicts, pair_verdicts, params)
+    out_outcomes[ingested.places] = classified.outcomes
+    nis = verdicts["nis"][classified.outcomes == _SCORED]
+    return Finalised(classified, pair_verdicts, nis, leader_changes)

@@ -1,4 +1,4 @@
-"""In which order the records of a batch are taken: by event time, each vehicle once in a wave."""
+"""The order of the records of a batch: by event time, in rounds in which each vehicle occurs at most once."""
 
 import numpy as np
 from numba import njit
@@ -16,7 +16,7 @@ _FROM_THE_FUTURE = np.uint8(Outcome.FROM_THE_FUTURE)
 def reject_by_age(
     t_us: I64, received_us: I64, max_age_us: float, max_ahead_us: float, out_outcomes: NDArray[np.uint8]
 ) -> None:
-    """Write the outcome of each record (B,) as far as its two times decide it."""
+    """Write the outcome of each record (B,) by its age: SCORED, TOO_OLD or FROM_THE_FUTURE."""
     for i in range(t_us.size):
         age_us = received_us[i] - t_us[i]
         out_outcomes[i] = _SCORED

@@ -95,16 +95,22 @@ class ReceptionMonitor:
     RECEIVING_SHARE = 0.8
 
     def __init__(self) -> None:
-        self._receiving: I64 = np.zeros(self.BUCKETS, np.int64)
+        self._received: I64 = np.zeros(self.BUCKETS, np.int64)
+        self.outage_until_us = 0
+        """Local time of the end of the last known outage."""
 
     def record(self, received_us: I64) -> None:
-        """Take in the receive times of a batch."""
+        """Record the receive times of a batch."""
         buckets = received_us // self.BUCKET_US
-        self._receiving[buckets % self.BUCKETS] = buckets
+        self._received[buckets % self.BUCKETS] = buckets
+
+    def ignore_gaps_before(self, until_us: int) -> None:
+        """Treat all time before `until_us` as an outage."""
+        self.outage_until_us = until_us
 
     def was_receiving(self, from_us: int, to_us: int) -> bool:
-        """Whether others were heard most of the time strictly between two receive times."""
+        """Whether messages came in most of the time strictly between two receive times, after any known outage."""
         buckets = np.arange(from_us // self.BUCKET_US + 1, to_us // self.BUCKET_US)[-self.BUCKETS :]
-        if buckets.size == 0:
+        if from_us < self.outage_until_us or buckets.size == 0:
             return False
-        return bool((self._receiving[buckets % self.BUCKETS] == buckets).mean() >= self.RECEIVING_SHARE)
+        return bool((self._received[buckets % self.BUCKETS] == buckets).mean() >= self.RECEIVING_SHARE)

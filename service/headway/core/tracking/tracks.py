@@ -18,7 +18,7 @@ differences within one row mean anything.
 """
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from headway.core.runtime.rows import wipe
 from headway.core.tracking.geodesy import displaced_deg, displacement_m
-from headway.core.types.batch import F64, I64
+from headway.core.types.batch import F64, I64, Columns
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
@@ -105,63 +105,55 @@ def evict(tracks: Records, rows: I64) -> None:
     tracks["generation"][rows] = generation
 
 
-@njit(cache=True)
-def advance(
-    tracks: Records,
-    rows: I64,
-    t_us: I64,
-    received_us: I64,
-    msg_cnt: I64,
-    lat_deg: F64,
-    lon_deg: F64,
-    speed_mps: F64,
-    heading_deg: F64,
-    accuracy_m: F64,
-    length_m: F64,
-    max_gap_s: float,
-    out_outcome: NDArray[np.uint8],
-    out_x_m: F64,
-    out_sequence_gaps: I64,
-    out_initialised: NDArray[np.bool_],
-) -> None:
-    """Take one reading into each of `rows`; every column is (B,) and a row occurs at most once.
+class Advance(NamedTuple):
+    """What `advance` did with each of n records."""
 
-    `out_outcome` is DUPLICATE (an event time already seen), OUT_OF_ORDER (an older one; the row is unchanged) or 0 for
-    an accepted reading. `out_x_m` is its odometer, NaN if rejected. `out_sequence_gaps` is the number of messages lost
-    before it, by `msg_cnt`. `out_initialised` is true where the odometer starts at zero: a new vehicle, or a gap above
-    `max_gap_s`. Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
+    outcome: NDArray[np.uint8]
+    """DUPLICATE, OUT_OF_ORDER, or SCORED for a record that the row has taken."""
+    sequence_gap: I64
+    """Messages lost before this one, by `msg_cnt`."""
+    initialised: NDArray[np.bool_]
+    """Whether the odometer starts at zero: a new vehicle, or a gap above `max_gap_s`."""
+
+
+@njit(cache=True)
+def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: float) -> Advance:
+    """Take one record into each of the distinct `rows` (n,); `places` (n,) are the records' places in the batch.
+
+    A record with the id, `msg_cnt` and event time of the newest one is a duplicate. Any other record that is not newer
+    is out of order. Both leave the row unchanged. Latitude, longitude and speed must be finite; heading, accuracy and
+    length may be NaN.
     """
+    done = Advance(np.empty(rows.size, np.uint8), np.zeros(rows.size, np.int64), np.zeros(rows.size, np.bool_))
     for i in range(rows.size):
-        track = tracks[rows[i]]
-        out_x_m[i] = np.nan
-        out_sequence_gaps[i] = 0
-        out_initialised[i] = False
-        if t_us[i] <= track.t_us:
-            out_outcome[i] = _DUPLICATE if t_us[i] == track.t_us else _OUT_OF_ORDER
+        track, k = tracks[rows[i]], places[i]
+        if batch.t_us[k] <= track.t_us:
+            same = batch.t_us[k] == track.t_us and batch.msg_cnt[k] == track.msg_cnt
+            done.outcome[i] = _DUPLICATE if same else _OUT_OF_ORDER
             continue
-        out_outcome[i] = _ACCEPTED
-        step_s = 1e-6 * (t_us[i] - track.t_us)
+        done.outcome[i] = _ACCEPTED
+        step_s = 1e-6 * (batch.t_us[k] - track.t_us)
         if track.t_us == 0 or step_s > max_gap_s:
-            _initialise(track, lat_deg[i], lon_deg[i])
-            out_initialised[i] = True
+            _initialise(track, batch.lat_deg[k], batch.lon_deg[k])
+            done.initialised[i] = True
         else:
-            out_sequence_gaps[i] = _sequence_gap(track, msg_cnt[i], step_s, max_gap_s)
+            done.sequence_gap[i] = _sequence_gap(track, batch.msg_cnt[k], step_s, max_gap_s)
             track.step_s = step_s
-        track.t_us = t_us[i]
-        track.received_us = received_us[i]
-        track.msg_cnt = msg_cnt[i]
+        track.t_us = batch.t_us[k]
+        track.received_us = batch.received_us[k]
+        track.msg_cnt = batch.msg_cnt[k]
         track.count += 1
-        track.lat_deg = lat_deg[i]
-        track.lon_deg = lon_deg[i]
-        track.v_mps = speed_mps[i]
-        if accuracy_m[i] >= 0.0:
-            track.accuracy_m = accuracy_m[i]
-        if length_m[i] > 0.0:
-            track.length_m = length_m[i]
-        _update_odometer(track, heading_deg[i])
-        if out_initialised[i]:
+        track.lat_deg = batch.lat_deg[k]
+        track.lon_deg = batch.lon_deg[k]
+        track.v_mps = batch.speed_mps[k]
+        if batch.accuracy_m[k] >= 0.0:
+            track.accuracy_m = batch.accuracy_m[k]
+        if batch.length_m[k] > 0.0:
+            track.length_m = batch.length_m[k]
+        _update_odometer(track, batch.heading_deg[k])
+        if done.initialised[i]:
             _push_crumb(track)
-        out_x_m[i] = track.x_m
+    return done
 
 
 @njit(cache=True)

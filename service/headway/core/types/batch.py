@@ -1,6 +1,7 @@
-"""The records of one turn as columns: what the codec hands to the core."""
+"""The records of one step as columns: what the codec passes to the core."""
 
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,11 +14,11 @@ Ids = NDArray[np.bytes_]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Batch:
-    """B validated records; every array is (B,), SI units, NaN where the sender said nothing.
+    """B validated records; every array is (B,), in SI units, NaN for a value that is not available.
 
     `heading_deg` is clockwise from north. `t_us` is the sender's event time and `received_us` the local receive time,
-    both microseconds of Unix time, UTC. `leader_ids`, `range_m` and `range_rate_mps` are the sender's own forward
-    sensor: who is ahead, how far from its reference point, and how fast the distance grows.
+    both in microseconds of Unix time, UTC. `leader_ids`, `range_m` and `range_rate_mps` come from the sender's forward
+    sensor: the vehicle ahead, the distance to it, and the rate of change of that distance.
     """
 
     ids: Ids
@@ -39,3 +40,30 @@ class Batch:
     def __len__(self) -> int:
         """Return B."""
         return len(self.ids)
+
+
+_DTYPE: dict[str, type] = dict.fromkeys(("t_us", "received_us", "msg_cnt"), np.int64)
+
+
+class Columns(NamedTuple):
+    """(B,) the columns of a `Batch` that kernels read, contiguous and of one type each (`bound_kernel`)."""
+
+    t_us: I64
+    received_us: I64
+    msg_cnt: I64
+    lat_deg: F64
+    lon_deg: F64
+    speed_mps: F64
+    heading_deg: F64
+    accuracy_m: F64
+    length_m: F64
+    range_m: F64
+    range_rate_mps: F64
+
+
+def columns(batch: Batch) -> Columns:
+    """Return the columns of a batch for kernels."""
+    made: dict[str, Any] = {
+        name: np.ascontiguousarray(getattr(batch, name), _DTYPE.get(name, np.float64)) for name in Columns._fields
+    }
+    return Columns(**made)

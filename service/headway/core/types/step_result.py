@@ -79,6 +79,34 @@ class StepResult:
     leader_changes: int = 0
 
 
+@dataclass(slots=True)
+class StepTally:
+    """The sums of a step in progress; the fields are those of `StepResult`."""
+
+    events: list[AnomalyEvent] = field(default_factory=list)
+    nis: list[F64] = field(default_factory=list)
+    anomalous: int = 0
+    sequence_gaps: int = 0
+    repairs: int = 0
+    restarts: int = 0
+    evicted: int = 0
+    leader_changes: int = 0
+
+    def result(self, outcomes: NDArray[np.uint8]) -> StepResult:
+        """Return the sums as a result; `outcomes` (B,)."""
+        return StepResult(
+            outcomes=outcomes,
+            events=self.events,
+            nis=np.concatenate([np.empty(0), *self.nis]),
+            anomalous=self.anomalous,
+            sequence_gaps=self.sequence_gaps,
+            repairs=self.repairs,
+            restarts=self.restarts,
+            evicted=self.evicted,
+            leader_changes=self.leader_changes,
+        )
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairStates:
     """A snapshot of vehicles as columns, for the state topic and queries."""

@@ -1,0 +1,61 @@
+"""The state of a site as values, and back: a restarted service continues with the vehicles it knew."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from headway.core.site.state import SiteState
+from headway.core.tracking.pairing import NO_LEADER
+from headway.core.types.snapshot import Snapshot
+
+
+def take_snapshot(site: SiteState, stride: int, phase: int) -> Snapshot:
+    """Return copies of the state of the vehicles whose row is `phase` modulo `stride`."""
+    rows = site.rows(stride, phase)
+    return Snapshot(
+        rows=rows,
+        ids=[str(site.vehicles.id_of[row]) for row in rows],
+        tables={name: table[rows] for name, table in _tables(site).items()},
+        events=site.events.snapshot(rows),
+        pair_events=site.pair_events.snapshot(rows),
+        misses=site.misses.snapshot(rows),
+    )
+
+
+def restore_snapshot(site: SiteState, snapshot: Snapshot, now_us: int) -> int:
+    """Restore the vehicles whose last message is younger than `vehicle_ttl_s`; return how many.
+
+    The site must be empty, and the snapshot must come from its configuration and from this version of the core. A
+    silence before `now_us` is not a miss: the service did not receive then.
+    """
+    received_us, in_use = snapshot.tables["tracks"]["received_us"], site.vehicles.in_use
+    newest = np.argsort(received_us, kind="stable")[::-1]
+    _, first = np.unique(np.array(snapshot.ids, dtype=np.str_)[newest], return_index=True)
+    kept = newest[first]
+    kept = np.sort(kept[now_us - received_us[kept] <= site.config.vehicle_ttl_s * 1e6])
+    rows = snapshot.rows[kept]
+    site.vehicles.restore(rows, [snapshot.ids[i] for i in kept])
+    for name, table in _tables(site).items():
+        table[rows] = snapshot.tables[name][kept]
+    for column in ("leader_row", "candidate_row"):
+        other = site.tables.pairing[column][rows]
+        site.tables.pairing[column][rows] = np.where(in_use[other], other, NO_LEADER)
+    site.events.restore([event for event in snapshot.events if in_use[event.row]])
+    site.pair_events.restore([event for event in snapshot.pair_events if in_use[event.row]])
+    site.misses.restore([miss for miss in snapshot.misses if in_use[miss.row]])
+    site.reception.ignore_gaps_before(now_us)
+    return int(rows.size)
+
+
+def _tables(site: SiteState) -> dict[str, NDArray[Any]]:
+    """Return the tables that a snapshot holds, by name."""
+    tables = site.tables
+    return {
+        "tracks": tables.tracks,
+        "pairing": tables.pairing,
+        "bank": tables.bank,
+        "verdicts": tables.newest_verdicts,
+        "verdict_t_s": tables.verdict_t_s,
+        "first_received_us": site.first_received_us,
+    }

@@ -1,0 +1,81 @@
+"""The state of one site: a row for each vehicle, the same number in every table, and the logs of open events."""
+
+import numpy as np
+
+from headway.core.events.event_log import EventLog
+from headway.core.events.evidence import EvidenceStore
+from headway.core.events.miss_log import MissLog
+from headway.core.pipeline.detectors import build_detectors
+from headway.core.pipeline.tables import RoundParams, Tables
+from headway.core.runtime import rows as banks
+from headway.core.tracking import tracks
+from headway.core.tracking.pairing import leaders_of, new_pairing
+from headway.core.tracking.reception import ReceptionMonitor
+from headway.core.tracking.spatial_index import new_grid
+from headway.core.tracking.vehicle_table import VehicleTable
+from headway.core.types.batch import I64
+from headway.core.types.config import DetectorConfig
+
+
+class SiteState:
+    """The tables and logs of one site, allocated once for `vehicle_capacity` rows."""
+
+    def __init__(self, config: DetectorConfig) -> None:
+        capacity = config.vehicle_capacity
+        detectors = build_detectors(config)
+        bank = np.zeros(capacity, detectors.dtype)
+        self.config = config
+        self.model = detectors.model
+        self.vehicles = VehicleTable(capacity)
+        self.reception = ReceptionMonitor()
+        self.first_received_us: I64 = np.zeros(capacity, np.int64)
+        """(C,) receive time of each vehicle's first message."""
+        self.evidence = EvidenceStore(bank, config.evidence_readings)
+        self.events = EventLog(self.vehicles, self.evidence, capacity)
+        self.pair_events = EventLog(self.vehicles, self.evidence, capacity, suffix="-link")
+        self.misses = MissLog(self.vehicles, capacity)
+        self.tables = Tables(
+            tracks=tracks.new_tracks(capacity),
+            pairing=new_pairing(capacity),
+            grid=new_grid(capacity),
+            bank=bank,
+            bank_bytes=bank.view(np.uint8).reshape(capacity, -1),
+            pair_tests=bank["pair_tests"],
+            newest_verdicts=banks.verdicts(capacity),
+            verdict_t_s=np.zeros(capacity),
+            evidence=self.evidence.rings,
+            filter_event_active=self.events.active,
+            pair_event_active=self.pair_events.active,
+            miss_event_active=self.misses.active,
+        )
+        self.params = RoundParams(
+            max_gap_s=config.max_gap_s,
+            pairing_range_m=config.pairing_range_m,
+            lane_width_m=config.lane_width_m,
+            silence_timeout_s=config.silence_timeout_s,
+            warming_readings=config.warming_readings,
+            pair_tests=detectors.pair_test_params,
+        )
+
+    def rows(self, stride: int = 1, phase: int = 0) -> I64:
+        """Return the rows in use that are `phase` modulo `stride`."""
+        rows: I64 = np.flatnonzero(self.vehicles.in_use)
+        return rows if stride == 1 else rows[rows % stride == phase]
+
+    def leaders(self, rows: I64) -> I64:
+        """Return (n,) the row of each one's leader, NO_LEADER for none."""
+        leaders = np.empty(rows.size, np.int64)
+        leaders_of(self.tables.tracks, self.tables.pairing, rows, leaders)
+        return leaders
+
+    def evict(self, rows: I64) -> None:
+        """Free these rows in every table; their open events end without an update."""
+        for row in rows.tolist():
+            self.events.drop(row)
+            self.pair_events.drop(row)
+            self.misses.drop(row)
+            self.vehicles.evict(row)
+        tracks.evict(self.tables.tracks, rows)
+        banks.wipe(self.tables.bank, rows)
+        banks.wipe(self.tables.newest_verdicts, rows)
+        self.evidence.clear(rows)
