@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from headway.core.estimation.imm.modes import CALM, HEALTHY, SINGLE
+from headway.core.estimation.imm.modes import HEALTHY, PRUNE_DOUBLES_ABOVE, SINGLE_FAULT_MODES
 from headway.core.estimation.imm.step import headway_dtype, headway_params, step_row
 from headway.core.runtime.rows import readings, verdicts
 from headway.core.types.config import DetectorConfig
@@ -53,11 +53,15 @@ def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
         verdict = verdicts(1)
         step_row(bank[0], z, P, verdict[0])
         row = bank[0]
-        assert abs(row["w"].sum() - 1.0) < 1e-8
-        assert row["w"].min() > 0.0
-        assert np.isfinite(row["one"]).all()
-        assert np.isfinite(row["two"]).all()
-        for m in row["one"].T[:SINGLE] if row["w"][HEALTHY] > CALM else [*row["one"].T[:SINGLE], *row["two"].T]:
+        assert abs(row["mode_probability"].sum() - 1.0) < 1e-8
+        assert row["mode_probability"].min() > 0.0
+        assert np.isfinite(row["single"]).all()
+        assert np.isfinite(row["double"]).all()
+        for m in (
+            row["single"].T[:SINGLE_FAULT_MODES]
+            if row["mode_probability"][HEALTHY] > PRUNE_DOUBLES_ABOVE
+            else [*row["single"].T[:SINGLE_FAULT_MODES], *row["double"].T]
+        ):
             cov = np.zeros((5, 5))
             cov[TRIANGLE] = m[5:]
             cov = cov + np.triu(cov, 1).T

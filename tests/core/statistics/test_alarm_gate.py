@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 from numba import njit
 
-from headway.core.statistics.alarm_gate import TAIL, Budget, false_alarms_per_hour, gate, learn, uncut_mean
+from headway.core.statistics.alarm_gate import TAIL, Budget, false_alarms_per_hour, gate, learn, untruncated_mean
 
 BUDGET = Budget(
     alarms_per_hour=1.0,
-    level=-6.0,
-    span=4.0,
+    threshold=-6.0,
+    truncation=4.0,
     prior_mean=1.0,
     prior_rate_per_hour=400.0,
-    prior_peaks=20.0,
-    hush_s=1.0,
+    prior_exceedances=20.0,
+    holdoff_s=1.0,
     memory_s=3600.0,
 )
 DT_S = 0.1
@@ -23,7 +23,7 @@ def excursions(rng, hours, per_hour, mean):
     """Log odds at 10 Hz: quiet at -8, with lone peaks of exponential height above the level."""
     odds = np.full(round(hours * 36_000), -8.0)
     at = rng.choice(len(odds) // 20, round(hours * per_hour), replace=False) * 20
-    odds[at] = BUDGET.level + rng.exponential(mean, len(at))
+    odds[at] = BUDGET.threshold + rng.exponential(mean, len(at))
     return odds
 
 
@@ -45,7 +45,7 @@ def test_the_budget_holds_for_cars_unlike_the_prior(per_hour: float, mean: float
     tail = np.zeros(1, TAIL)[0]
     rng = np.random.default_rng(0)
     run(tail, excursions(rng, 2.0, per_hour, mean), p)
-    true_rate = per_hour * np.exp(-(gate(tail, p) - p.level) / mean)
+    true_rate = per_hour * np.exp(-(gate(tail, p) - p.threshold) / mean)
     assert 0.4 * budget < true_rate < 2.0 * budget
     assert false_alarms_per_hour(tail, gate(tail, p), p) == pytest.approx(budget, rel=1e-6)
 
@@ -60,15 +60,15 @@ def test_faults_beyond_the_gate_teach_nothing() -> None:
     clean, dirty = np.zeros(1, TAIL)[0], np.zeros(1, TAIL)[0]
     run(clean, honest, BUDGET)
     run(dirty, lied_about, BUDGET)
-    assert dirty["peaks"] > 50
+    assert dirty["exceedances"] > 50
     assert gate(dirty, BUDGET) == pytest.approx(gate(clean, BUDGET), abs=0.4)
 
 
 @pytest.mark.parametrize("mean", [0.3, 1.0, 1.5])
 def test_the_mean_of_an_exponential_is_found_from_its_cut_part(mean: float) -> None:
     drawn = np.random.default_rng(2).exponential(mean, 200_000)
-    assert uncut_mean(drawn[drawn < 4.0].mean(), 4.0) == pytest.approx(mean, rel=0.02)
-    assert uncut_mean(3.0, 4.0) < np.inf
+    assert untruncated_mean(drawn[drawn < 4.0].mean(), 4.0) == pytest.approx(mean, rel=0.02)
+    assert untruncated_mean(3.0, 4.0) < np.inf
 
 
 def test_what_was_learnt_fades_with_the_traffic_that_taught_it() -> None:

@@ -11,7 +11,20 @@ from numba import njit
 from scipy.special import chdtri
 
 from headway.core.estimation.delayed_ekf import isolate
-from headway.core.estimation.kinematics import LOCATION, NO_LANE, SPEED, VV, XV, XX, V, X, begin, lanes, predict, read
+from headway.core.estimation.kinematics import (
+    NO_COLUMN,
+    PX,
+    VV,
+    VX,
+    XV,
+    XX,
+    Z_POSITION,
+    Z_SPEED,
+    filters,
+    initialise,
+    predict,
+    update_scalar,
+)
 from headway.core.statistics.fault_shape import EPISODE, close, kind_of, take
 from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Sensor
@@ -21,7 +34,7 @@ CA = np.dtype(
     [
         ("count", "i8"),  # readings taken; 0: a row not begun
         ("t_s", "f8"),
-        ("estimate", lanes(1)),  # as in `motion`, nobody lying
+        ("estimate", filters(1)),  # as in `motion`, nobody lying
         ("rejections", "i8"),  # in a row, up to now
         ("episode", EPISODE),  # of the readings rejected in a row
     ],
@@ -82,7 +95,7 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
         s_xx, s_xv, s_vv = p.r_x, 0.0, p.r_v
     else:
         predict(row.estimate, dt_s, p.jerk, 0.0)
-        nu_x, nu_v = z.x_m - m[X, 0], z.v_mps - m[V, 0]
+        nu_x, nu_v = z.x_m - m[PX, 0], z.v_mps - m[VX, 0]
         s_xx, s_xv, s_vv = m[XX, 0] + p.r_x, m[XV, 0], m[VV, 0] + p.r_v
         nis = (s_vv * nu_x**2 - 2.0 * s_xv * nu_x * nu_v + s_xx * nu_v**2) / (s_xx * s_vv - s_xv**2)
         verdict.anomalous = row.count >= p.warming_readings and nis > p.gate
@@ -92,12 +105,12 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
             anew = row.rejections >= p.rejections_max
             verdict.restarted = anew
         else:
-            read(row.estimate, LOCATION, z.x_m, p.r_x, 0.0, NO_LANE, NO_LANE, NO_LANE, NO_LANE)
-            read(row.estimate, SPEED, z.v_mps, p.r_v, 0.0, NO_LANE, NO_LANE, NO_LANE, NO_LANE)
+            update_scalar(row.estimate, Z_POSITION, z.x_m, p.r_x, 0.0, NO_COLUMN, NO_COLUMN, NO_COLUMN, NO_COLUMN)
+            update_scalar(row.estimate, Z_SPEED, z.v_mps, p.r_v, 0.0, NO_COLUMN, NO_COLUMN, NO_COLUMN, NO_COLUMN)
             row.rejections = 0
             close(row.episode)
     if anew:
-        begin(m, 0, z.x_m, z.v_mps, p.r_x, p.r_v, p.a_var)
+        initialise(m, 0, z.x_m, z.v_mps, p.r_x, p.r_v, p.a_var)
         row.rejections = 0
         close(row.episode)
     row.count += 1
@@ -108,7 +121,7 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
     verdict.p_value = exp(-0.5 * nis)
     verdict.nu[0], verdict.nu[1] = nu_x, nu_v
     verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = s_xx, s_xv, s_xv, s_vv
-    verdict.x_m, verdict.v_mps = m[X, 0], m[V, 0]
+    verdict.x_m, verdict.v_mps = m[PX, 0], m[VX, 0]
     verdict.x_std_m, verdict.v_std_mps = sqrt(m[XX, 0]), sqrt(m[VV, 0])
 
 

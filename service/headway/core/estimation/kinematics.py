@@ -7,7 +7,7 @@ Motion is exact in x' = v, with white jerk of density q (m^2/s^5); a lie is a st
 
 Filters are columns ("lanes") of an array m (SIZE, width), whose rows are the five means and the upper triangle of the
 covariance, by the names below: what is done to all lanes alike is a loop that the compiler turns into vector
-instructions. For that the width must be part of the type, so such functions take the record that holds m (`lanes`);
+instructions. For that the width must be part of the type, so such functions take the record that holds m (`filters`);
 eight lanes fill a register, and what they are computed with is in the same record or a scalar.
 Sensors are taken one after the other (scalar updates), so that a bad one can be left out.
 """
@@ -18,47 +18,47 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-X, V, A, B, S = range(5)
+PX, VX, AX, OFFSET, SLOPE = range(5)
 XX, XV, XA, XB, XS, VV, VA, VB, VS, AA, AB, AS, BB, BS, SS = range(5, 20)
 SIZE = 20
 
-LOCATION, SPEED = 0, 1
-NO_LANE = -1
+Z_POSITION, Z_SPEED = 0, 1
+NO_COLUMN = -1
 VARIANCE_FLOOR = 1e-6
-NEGLIGIBLE = 1e-9
+WEIGHT_NEGLIGIBLE = 1e-9
 """Share of a mixture that leaves no trace in it."""
-TAU = 6.283185307179586
+TWO_PI = 6.283185307179586
 
 
-def lanes(width: int) -> np.dtype[np.void]:
+def filters(width: int) -> np.dtype[np.void]:
     """Return the record of `width` filters; `density` and `exponent` say how likely readings were (`likelihood`)."""
     return np.dtype([("m", "f8", (SIZE, width)), ("density", "f8", (width,)), ("exponent", "f8", (width,))])
 
 
 @njit(cache=True)
-def begin(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float, a_var: float) -> None:
+def initialise(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float, a_var: float) -> None:
     """Start lane j at a reading with variances `r_x`, `r_v`, at rest in a, without a lie."""
     m[:, j] = 0.0
-    m[X, j], m[V, j] = x_m, v_mps
+    m[PX, j], m[VX, j] = x_m, v_mps
     m[XX, j], m[VV, j], m[AA, j] = r_x, r_v, a_var
 
 
 @njit(cache=True)
-def copy(m: Any, into: int, other: Any, j: int) -> None:
+def copy_column(m: Any, into: int, other: Any, j: int) -> None:
     """Overwrite lane `into` of m by lane j of `other`."""
     for i in range(SIZE):
         m[i, into] = other[i, j]
 
 
 @njit(cache=True)
-def acquit(m: Any, j: int) -> None:
+def clear_offset(m: Any, j: int) -> None:
     """Take the lie out of lane j."""
-    for i in (B, S, XB, XS, VB, VS, AB, AS, BB, BS, SS):
+    for i in (OFFSET, SLOPE, XB, XS, VB, VS, AB, AS, BB, BS, SS):
         m[i, j] = 0.0
 
 
 @njit(cache=True)
-def jolt(m: Any, j: int, dt_s: float, q: float) -> None:
+def add_jerk_noise(m: Any, j: int, dt_s: float, q: float) -> None:
     """Add what white jerk of density `q` does to the covariance of lane j in `dt_s`."""
     h = dt_s
     m[XX, j] += q * h**5 / 20.0
@@ -70,7 +70,7 @@ def jolt(m: Any, j: int, dt_s: float, q: float) -> None:
 
 
 @njit(cache=True)
-def jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
+def add_speed_jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
     """Add a jump of the speed somewhere within `dt_s`, on average in its middle; a is as good as unknown after it."""
     m[XX, j] += 0.25 * dt_s**2 * v_var
     m[XV, j] += 0.5 * dt_s * v_var
@@ -79,19 +79,19 @@ def jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
 
 
 @njit(cache=True)
-def predict(lanes: Any, dt_s: float, q: float, walk: float) -> None:
+def predict(filters: Any, dt_s: float, q: float, random_walk_density: float) -> None:
     """Carry every lane on by `dt_s`: m = F m, P = F P F' + Q, with F the exact solution of the equations above.
 
-    `walk` (m^2/s) is how the location strays from the integral of the speed: reported ones do, by satellite.
+    `random_walk_density` (m^2/s): the location wanders against the integral of the speed, as satellite positions do.
     """
-    m = lanes.m
+    m = filters.m
     h, g = dt_s, 0.5 * dt_s**2
-    q_xx, q_xv, q_xa = q * h**5 / 20.0 + walk * dt_s, q * h**4 / 8.0, q * h**3 / 6.0
+    q_xx, q_xv, q_xa = q * h**5 / 20.0 + random_walk_density * dt_s, q * h**4 / 8.0, q * h**3 / 6.0
     q_vv, q_va, q_aa = q * h**3 / 3.0, q * h**2 / 2.0, q * h
     for j in range(m.shape[1]):
-        m[X, j] += h * m[V, j] + g * m[A, j]
-        m[V, j] += h * m[A, j]
-        m[B, j] += h * m[S, j]
+        m[PX, j] += h * m[VX, j] + g * m[AX, j]
+        m[VX, j] += h * m[AX, j]
+        m[OFFSET, j] += h * m[SLOPE, j]
         # F P, row by row ...
         xx = m[XX, j] + h * m[XV, j] + g * m[XA, j]
         xv = m[XV, j] + h * m[VV, j] + g * m[VA, j]
@@ -121,29 +121,37 @@ def predict(lanes: Any, dt_s: float, q: float, walk: float) -> None:
 
 
 @njit(cache=True)
-def unread(lanes: Any) -> None:
+def reset_likelihood(filters: Any) -> None:
     """Forget how likely earlier readings were."""
-    for j in range(lanes.density.size):
-        lanes.density[j], lanes.exponent[j] = 1.0, 0.0
+    for j in range(filters.density.size):
+        filters.density[j], filters.exponent[j] = 1.0, 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def read(
-    lanes: Any, sensor: int, z: float, r: float, spread: float, deaf: int, deaf_too: int, lying: int, lying_too: int
+def update_scalar(
+    filters: Any,
+    sensor: int,
+    z: float,
+    r: float,
+    spread: float,
+    excluded: int,
+    excluded_too: int,
+    faulty: int,
+    faulty_too: int,
 ) -> None:
     """Update every lane by one sensor's reading `z` of variance `r`, and note how likely it was.
 
-    In the lanes `deaf` and `deaf_too` the reading means nothing and changes nothing: it is Student's t with two degrees
-    of freedom, whose scale is `spread` on top of what state and sensor leave open, and whose tails forgive any size.
-    In the lanes `lying` and `lying_too` the offset b is in the reading. NO_LANE is none.
+    In the columns `excluded` and `excluded_too` the reading changes nothing: it is Student's t with two degrees of
+    freedom, whose scale is `spread` on top of what state and sensor leave open, and whose tails forgive any size.
+    In the columns `faulty` and `faulty_too` the offset b is in the reading. NO_COLUMN is none.
     """
-    m, density, exponent = lanes.m, lanes.density, lanes.exponent
-    x, v = (1.0, 0.0) if sensor == LOCATION else (0.0, 1.0)
+    m, density, exponent = filters.m, filters.density, filters.exponent
+    x, v = (1.0, 0.0) if sensor == Z_POSITION else (0.0, 1.0)
     for j in range(m.shape[1]):
-        u = 0.0 if j in (deaf, deaf_too) else 1.0
-        lie = 1.0 if j in (lying, lying_too) else 0.0
-        off = z - (x * m[X, j] + v * m[V, j])
-        nu = off - lie * m[B, j]
+        u = 0.0 if j in (excluded, excluded_too) else 1.0
+        lie = 1.0 if j in (faulty, faulty_too) else 0.0
+        off = z - (x * m[PX, j] + v * m[VX, j])
+        nu = off - lie * m[OFFSET, j]
         seen = x * m[XX, j] + v * m[VV, j]
         hx = x * m[XX, j] + v * m[XV, j] + lie * m[XB, j]
         hv = x * m[XV, j] + v * m[VV, j] + lie * m[VB, j]
@@ -155,11 +163,11 @@ def read(
         var = max(var, r)
         w = u / var
         kx, kv, ka, kb, ks = w * hx, w * hv, w * ha, w * hb, w * hs
-        m[X, j] += kx * nu
-        m[V, j] += kv * nu
-        m[A, j] += ka * nu
-        m[B, j] += kb * nu
-        m[S, j] += ks * nu
+        m[PX, j] += kx * nu
+        m[VX, j] += kv * nu
+        m[AX, j] += ka * nu
+        m[OFFSET, j] += kb * nu
+        m[SLOPE, j] += ks * nu
         m[XX, j] -= kx * hx
         m[XV, j] -= kx * hv
         m[XA, j] -= kx * ha
@@ -177,37 +185,37 @@ def read(
         m[SS, j] -= ks * hs
         wide = seen + r + spread * spread
         c = 1.0 + 0.5 * off * off / wide
-        density[j] *= u * sqrt(1.0 / (TAU * var)) + (1.0 - u) * sqrt(0.125 / (wide * c)) / c
+        density[j] *= u * sqrt(1.0 / (TWO_PI * var)) + (1.0 - u) * sqrt(0.125 / (wide * c)) / c
         exponent[j] += w * nu * nu
 
 
 @njit(cache=True)
-def accuse(m: Any, j: int, sensor: int, z: float, r: float) -> None:
+def set_offset(m: Any, j: int, sensor: int, z: float, r: float) -> None:
     """Let `sensor`, not yet used at this instant, lie by exactly what its reading `z` differs, of variance P + r."""
-    if sensor == LOCATION:
-        m[B, j] = z - m[X, j]
+    if sensor == Z_POSITION:
+        m[OFFSET, j] = z - m[PX, j]
         m[XB, j], m[VB, j], m[AB, j], m[BB, j] = -m[XX, j], -m[XV, j], -m[XA, j], m[XX, j] + r
     else:
-        m[B, j] = z - m[V, j]
+        m[OFFSET, j] = z - m[VX, j]
         m[XB, j], m[VB, j], m[AB, j], m[BB, j] = -m[XV, j], -m[VV, j], -m[VA, j], m[VV, j] + r
-    for i in (S, XS, VS, AS, BS, SS):
+    for i in (SLOPE, XS, VS, AS, BS, SS):
         m[i, j] = 0.0
 
 
 @njit(cache=True)
-def likelihood(lanes: Any, j: int) -> float:
-    """Return how likely the readings since `unread` were in lane j."""
-    return float(lanes.density[j] * exp(-0.5 * lanes.exponent[j]))
+def likelihood(filters: Any, j: int) -> float:
+    """Return how likely the readings since `reset_likelihood` were in lane j."""
+    return float(filters.density[j] * exp(-0.5 * filters.exponent[j]))
 
 
 @njit(cache=True)
-def mend(lanes: Any) -> bool:
+def repair_covariance(filters: Any) -> bool:
     """Make every lane's covariance positive again; return whether one was not. Takes the room of `density`.
 
     Updates subtract, and a location a million metres off leaves no digits. What is known is then only kept to the
     size of the variances: correlations are dropped.
     """
-    m, least = lanes.m, lanes.density
+    m, least = filters.m, filters.density
     for j in range(m.shape[1]):
         xx, vv, aa, xv, xa, va = m[XX, j], m[VV, j], m[AA, j], m[XV, j], m[XA, j], m[VA, j]
         minor = xx * vv - xv * xv
@@ -227,16 +235,16 @@ def mend(lanes: Any) -> bool:
 
 
 @njit(cache=True, inline="always")
-def fold(m: Any, into: int, other: Any, j: int, f: float) -> None:
+def moment_match(m: Any, into: int, other: Any, j: int, f: float) -> None:
     """Make lane `into` of m the one Gaussian for a mixture: a share `f` of lane j of `other`, the rest of itself."""
     g = f * (1.0 - f)
-    dx, dv, da = other[X, j] - m[X, into], other[V, j] - m[V, into], other[A, j] - m[A, into]
-    db, ds = other[B, j] - m[B, into], other[S, j] - m[S, into]
-    m[X, into] += f * dx
-    m[V, into] += f * dv
-    m[A, into] += f * da
-    m[B, into] += f * db
-    m[S, into] += f * ds
+    dx, dv, da = other[PX, j] - m[PX, into], other[VX, j] - m[VX, into], other[AX, j] - m[AX, into]
+    db, ds = other[OFFSET, j] - m[OFFSET, into], other[SLOPE, j] - m[SLOPE, into]
+    m[PX, into] += f * dx
+    m[VX, into] += f * dv
+    m[AX, into] += f * da
+    m[OFFSET, into] += f * db
+    m[SLOPE, into] += f * ds
     m[XX, into] += f * (other[XX, j] - m[XX, into]) + g * dx * dx
     m[XV, into] += f * (other[XV, j] - m[XV, into]) + g * dx * dv
     m[XA, into] += f * (other[XA, j] - m[XA, into]) + g * dx * da
@@ -255,9 +263,9 @@ def fold(m: Any, into: int, other: Any, j: int, f: float) -> None:
 
 
 @njit(cache=True)
-def merge(m: Any, into: int, weight: float, other: Any, j: int, weight_j: float) -> float:
+def moment_match_weighted(m: Any, into: int, weight: float, other: Any, j: int, weight_j: float) -> float:
     """Fold lane j of `other`, of weight `weight_j`, into lane `into` of m, of `weight`; return the sum of both."""
     total = weight + weight_j
-    if weight_j > NEGLIGIBLE * total:
-        fold(m, into, other, j, weight_j / total)
+    if weight_j > WEIGHT_NEGLIGIBLE * total:
+        moment_match(m, into, other, j, weight_j / total)
     return total

@@ -6,12 +6,12 @@ sensors and how well the model fits. Peaks over a threshold (Pickands 1975, doi:
 
     alarms per hour at gate g = rate exp(-(g - level) / mean)        gate = level + mean ln(rate / budget)
 
-Real faults must not teach the gate. So nothing is learnt from an excursion that raised an alarm, nor within `hush_s`
-of one; and only peaks within `span` of the level count, whose mean m is that of an exponential cut there,
+Real faults must not teach the gate. So nothing is learnt from an excursion that raised an alarm, nor within `holdoff_s`
+of one; and only peaks within `truncation` of the level count, whose mean m is that of an exponential cut there,
 
     m = mean - span / (exp(span / mean) - 1)
 
-A prior worth `prior_peaks` excursions holds until the vehicle has shown its own, and what was learnt fades with
+A prior worth `prior_exceedances` excursions holds until the vehicle has shown its own, and what was learnt fades with
 `memory_s`, for traffic changes.
 """
 
@@ -23,12 +23,12 @@ from numba import njit
 
 TAIL = np.dtype(
     [
-        ("peaks", "f8"),  # excursions learnt, each with its peak within `span`; like the next two, it fades
-        ("excess", "f8"),  # sum of those peaks above the level
+        ("exceedances", "f8"),  # excursions learnt, each with its peak within `truncation`; fades like the next two
+        ("excess_sum", "f8"),  # sum of those peaks above the level
         ("exposure_s", "f8"),  # how long was listened
         ("mean", "f8"),  # of the exponential; 0 in a fresh row: the prior's
-        ("high", "f8"),  # excess so far of the excursion under way; 0: none
-        ("hush_s", "f8"),  # how long still to wait after an alarm
+        ("current_excess", "f8"),  # excess so far of the excursion under way; 0: none
+        ("holdoff_s", "f8"),  # how long still to wait after an alarm
     ],
     align=True,
 )
@@ -38,22 +38,22 @@ class Budget(NamedTuple):
     """What is accepted, and what a vehicle is taken for before it is known."""
 
     alarms_per_hour: float
-    level: float
-    span: float
+    threshold: float
+    truncation: float
     prior_mean: float
     prior_rate_per_hour: float
-    prior_peaks: float
-    hush_s: float
+    prior_exceedances: float
+    holdoff_s: float
     memory_s: float
 
 
 @njit(cache=True)
-def uncut_mean(cut_mean: float, span: float) -> float:
-    """Return the mean of an exponential whose mean below `span` is `cut_mean` (at most 0.45 span counts)."""
-    target = min(cut_mean, 0.45 * span)
+def untruncated_mean(truncated_mean: float, truncation: float) -> float:
+    """Return the mean of an exponential whose mean below `truncation` is `truncated_mean`, at most 0.45 of it."""
+    target = min(truncated_mean, 0.45 * truncation)
     mean = target
     for _ in range(40):
-        mean = target + span / (exp(min(span / mean, 700.0)) - 1.0)
+        mean = target + truncation / (exp(min(truncation / mean, 700.0)) - 1.0)
     return mean
 
 
@@ -61,46 +61,48 @@ def uncut_mean(cut_mean: float, span: float) -> float:
 def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
     """Return excursions per hour and the mean size of their peaks, prior included."""
     mean = tail.mean if tail.mean > 0.0 else p.prior_mean
-    hours = p.prior_peaks / p.prior_rate_per_hour + tail.exposure_s / 3600.0
-    seen = 1.0 - exp(-p.span / p.prior_mean)
-    return (p.prior_peaks * seen + tail.peaks) / hours / (1.0 - exp(-p.span / mean)), mean
+    hours = p.prior_exceedances / p.prior_rate_per_hour + tail.exposure_s / 3600.0
+    seen = 1.0 - exp(-p.truncation / p.prior_mean)
+    return (p.prior_exceedances * seen + tail.exceedances) / hours / (1.0 - exp(-p.truncation / mean)), mean
 
 
 @njit(cache=True)
 def gate(tail: Any, p: Budget) -> float:
     """Return the log odds that clean readings of this vehicle exceed as often as the budget allows."""
     rate, mean = rate_and_mean(tail, p)
-    return float(p.level + mean * max(log(rate / p.alarms_per_hour), 0.0))
+    return float(p.threshold + mean * max(log(rate / p.alarms_per_hour), 0.0))
 
 
 @njit(cache=True)
 def false_alarms_per_hour(tail: Any, log_odds: float, p: Budget) -> float:
     """Return how often an hour of clean readings of this vehicle goes as high as `log_odds`."""
     rate, mean = rate_and_mean(tail, p)
-    return float(rate * exp(-max(log_odds - p.level, 0.0) / mean))
+    return float(rate * exp(-max(log_odds - p.threshold, 0.0) / mean))
 
 
 @njit(cache=True)
 def learn(tail: Any, log_odds: float, alarm: bool, dt_s: float, p: Budget) -> None:
     """Take the next log odds, which stood for `dt_s`, and whether they raised an alarm."""
     if alarm:
-        tail.hush_s = p.hush_s
-        tail.high = 0.0
+        tail.holdoff_s = p.holdoff_s
+        tail.current_excess = 0.0
         return
-    if tail.hush_s > 0.0:
-        tail.hush_s -= dt_s
+    if tail.holdoff_s > 0.0:
+        tail.holdoff_s -= dt_s
         return
     kept = 1.0 - dt_s / p.memory_s
-    tail.peaks *= kept
-    tail.excess *= kept
+    tail.exceedances *= kept
+    tail.excess_sum *= kept
     tail.exposure_s = kept * tail.exposure_s + dt_s
-    if log_odds > p.level:
-        tail.high = max(tail.high, log_odds - p.level)
-    elif tail.high > 0.0:
-        if tail.high < p.span:
-            tail.peaks += 1.0
-            tail.excess += tail.high
-            seen = 1.0 - exp(-p.span / p.prior_mean)
-            prior = p.prior_peaks * (p.prior_mean * seen - p.span * (1.0 - seen))
-            tail.mean = uncut_mean((prior + tail.excess) / (p.prior_peaks * seen + tail.peaks), p.span)
-        tail.high = 0.0
+    if log_odds > p.threshold:
+        tail.current_excess = max(tail.current_excess, log_odds - p.threshold)
+    elif tail.current_excess > 0.0:
+        if tail.current_excess < p.truncation:
+            tail.exceedances += 1.0
+            tail.excess_sum += tail.current_excess
+            seen = 1.0 - exp(-p.truncation / p.prior_mean)
+            prior = p.prior_exceedances * (p.prior_mean * seen - p.truncation * (1.0 - seen))
+            tail.mean = untruncated_mean(
+                (prior + tail.excess_sum) / (p.prior_exceedances * seen + tail.exceedances), p.truncation
+            )
+        tail.current_excess = 0.0

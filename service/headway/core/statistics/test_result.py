@@ -24,11 +24,11 @@ def check_budget(alarms_per_hour: float) -> Budget:
     """
     return Budget(
         alarms_per_hour=alarms_per_hour,
-        level=2.0,
-        span=2.5,
+        threshold=2.0,
+        truncation=2.5,
         prior_mean=0.5,
         prior_rate_per_hour=200.0,
-        prior_peaks=30.0,
-        hush_s=10.0,
+        prior_exceedances=30.0,
+        holdoff_s=10.0,
         memory_s=3600.0,
     )

@@ -89,8 +89,8 @@ def seen(part, sensor, lying, z, r):
     return Gaussian(part.weight * likelihood, part.mean + K * (z - H @ part.mean), cov)
 
 
-def unheeded(part, sensor, z, r, spread):
-    scale = np.sqrt(part.cov[sensor, sensor] + r + spread**2)
+def unheeded(part, sensor, z, r, fault_size):
+    scale = np.sqrt(part.cov[sensor, sensor] + r + fault_size**2)
     return part.times(t.pdf(z, 2, part.mean[sensor], scale))
 
 
@@ -110,11 +110,11 @@ def lies(name):
     return sum(word != "honest" for word in name)
 
 
-def heard(part, name, z, r, spread):
+def heard(part, name, z, r, fault_size):
     """Speed first, then location, each by the word for it in `name`."""
     for sensor in (1, 0):
         if name[sensor] == "noise":
-            part = unheeded(part, sensor, z[sensor], r[sensor], spread)
+            part = unheeded(part, sensor, z[sensor], r[sensor], fault_size)
         else:
             part = seen(part, sensor, name[sensor] in LINES, z[sensor], r[sensor])
     return part
@@ -137,7 +137,7 @@ def mixed_lies(before, fault, over, p):
         after[pair(sensor, "drift", "honest")] = [drift.times(stay), line.times(alone)]
         sources = [noise.times(stay), other_line.honest().times(alone), both.times(alone)]
         after[pair(sensor, "noise", "honest")] = sources
-        fresh = other_noise.with_offset(2.0 * p.spread**2, p.drift_slope**2)
+        fresh = other_noise.with_offset(2.0 * p.fault_size**2, p.drift_slope0**2)
         sources = [line.times(last), bias.times(second), drift.times(second), fresh.times(0.5 * second)]
         after[pair(sensor, "line", "noise")] = sources
     noises = [before["noise", "honest"].times(0.5 * second), before["honest", "noise"].times(0.5 * second)]
@@ -151,13 +151,13 @@ def begun(healthy, name, h, z, r, suspected, p):
     nu = z[sensor] - healthy.mean[sensor]
     part = Gaussian(suspected, healthy.mean.copy(), healthy.cov.copy())
     if "drift" in name:
-        steep = p.drift_slope**2 + p.drift_steep * (nu / h) ** 2
-        return heard(part.with_offset(p.drift_start**2, steep), name, z, r, p.spread)
-    without = heard(part, tuple("noise" if word != "honest" else word for word in name), z, r, p.spread)
+        steep = p.drift_slope0**2 + p.drift_slope_share * (nu / h) ** 2
+        return heard(part.with_offset(p.drift_offset0**2, steep), name, z, r, p.fault_size)
+    without = heard(part, tuple("noise" if word != "honest" else word for word in name), z, r, p.fault_size)
     return accused(without, sensor, z[sensor], r[sensor]) if "bias" in name else without
 
 
-def step(parts, h, z, r, q, walk, unforeseen, p, calm_at, calm_nis):
+def step(parts, h, z, r, q, walk, unexplained, p, calm_at, calm_nis):
     """Return what is thought after a reading `z` (2,), Gaussians in the order of NAMES with weights summing to 1,
     and the weight of each having been true until now."""
     fault, over = min(0.1, p.faults_per_s * h), 1.0 - np.exp(-h / p.fault_s)
@@ -172,21 +172,21 @@ def step(parts, h, z, r, q, walk, unforeseen, p, calm_at, calm_nis):
     prior = {name: moved(part, h, q, walk) for name, part in prior.items()}
     for name, part in prior.items():
         if any(word in LINES for word in name):
-            part.cov[3, 3] += p.offset_walk**2
-    after = {name: heard(part, name, z, r, p.spread) for name, part in prior.items()}
+            part.cov[3, 3] += p.offset_noise**2
+    after = {name: heard(part, name, z, r, p.fault_size) for name, part in prior.items()}
 
     suspected = healthy.weight * fault / 3.0
     for name in NAMES[1:]:
         if lies(name) == 1:
             after[name] = mixed([after[name], begun(prior[HEALTHY], name, h, z, r, suspected, p)])
-    manoeuvre = unforeseen * p.manoeuvre
+    manoeuvre = unexplained * p.manoeuvre
     lively = prior[HEALTHY].times(manoeuvre)
     jump = p.standstill_jump_mps**2 * np.exp(-0.5 * (lively.mean[1] / p.standstill_mps) ** 2)
     g = np.array([0.5 * h, 1.0, 0.0, 0.0, 0.0])
-    more = q * (p.manoeuvre_jerk - 1.0) + unforeseen * p.manoeuvre_least
+    more = q * (p.manoeuvre_jerk - 1.0) + unexplained * p.manoeuvre_jerk_min
     lively.cov = lively.cov + jerk_noise(h, more) + jump * np.outer(g, g)
     lively.cov[2, 2] += jump / h
-    sources = [after[HEALTHY].times(1.0 - manoeuvre), heard(lively, HEALTHY, z, r, p.spread)]
+    sources = [after[HEALTHY].times(1.0 - manoeuvre), heard(lively, HEALTHY, z, r, p.fault_size)]
 
     nu = z - prior[HEALTHY].mean[:2]
     nis = nu @ np.linalg.solve(prior[HEALTHY].cov[:2, :2] + np.diag(r), nu)
@@ -195,7 +195,7 @@ def step(parts, h, z, r, q, walk, unforeseen, p, calm_at, calm_nis):
         for k, name in enumerate(NAMES):
             if 0 < lies(name) <= (1 if calm else 2):
                 back = moved(before[name].honest().times(over ** lies(name)), h, q, walk)
-                sources.append(heard(back, HEALTHY, z, r, p.spread))
+                sources.append(heard(back, HEALTHY, z, r, p.fault_size))
                 ended[k] = sources[-1].weight
     after[HEALTHY] = mixed(sources)
     if z[1] < -5.0 * np.sqrt(r[1]):

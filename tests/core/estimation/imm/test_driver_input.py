@@ -5,13 +5,27 @@ import pytest
 from core.driving import judge
 
 from headway.core.estimation.car_following import IdmParams, idm
-from headway.core.estimation.imm.driver_input import Driver, ask, driver_dtype, learn_likeness, meet, unforeseen_share
+from headway.core.estimation.imm.driver_input import (
+    DriverParams,
+    adapt_response_gain,
+    driver_dtype,
+    predict_acceleration,
+    set_leader,
+    unexplained_share,
+)
 from headway.core.runtime.rows import readings
 
 DELAY_S = 0.5
 LENGTH_M = 5.0
 JERK_MPS3 = 5.0
-P = Driver(IdmParams(), DELAY_S, change_most_mps2=1.0, doubt=60.0, memory=0.9995, announced_step=0.002)
+P = DriverParams(
+    IdmParams(),
+    DELAY_S,
+    accel_change_max_mps2=1.0,
+    prior_information=60.0,
+    forgetting_factor=0.9995,
+    explained_step=0.002,
+)
 
 
 def follow(rng, gain, n=3000, *, own_std_mps2=0.0, x_walk_m=0.0, cut_in=None):
@@ -42,21 +56,21 @@ def follow(rng, gain, n=3000, *, own_std_mps2=0.0, x_walk_m=0.0, cut_in=None):
 @pytest.mark.parametrize("gain", [0.4, 1.0, 1.5])
 def test_how_like_the_model_a_driver_is_becomes_known(gain: float) -> None:
     _, row = judge(follow(np.random.default_rng(0), gain), delay_s=DELAY_S)
-    assert row[0]["driver"]["likeness"] == pytest.approx(gain, abs=0.1)
+    assert row[0]["driver"]["response_gain"] == pytest.approx(gain, abs=0.1)
 
 
 def test_a_driver_with_a_will_of_his_own_is_not_like_the_model() -> None:
     _, row = judge(follow(np.random.default_rng(1), 0.02, own_std_mps2=0.8), delay_s=DELAY_S)
-    assert row[0]["driver"]["likeness"] < 0.2
-    assert unforeseen_share(row[0]["driver"], row[0]["levels"]["q"]) > 0.9
+    assert row[0]["driver"]["response_gain"] < 0.2
+    assert unexplained_share(row[0]["driver"], row[0]["noise"]["jerk_density"]) > 0.9
 
 
 def test_what_the_car_ahead_announces_is_no_manoeuvre() -> None:
     _, row = judge(follow(np.random.default_rng(2), 1.0), delay_s=DELAY_S)
     driver = row[0]["driver"]
-    assert unforeseen_share(driver, row[0]["levels"]["q"]) < 0.2
-    driver["asked_mps2"] = np.nan
-    assert unforeseen_share(driver, row[0]["levels"]["q"]) == 1.0, "nobody ahead, nothing announced"
+    assert unexplained_share(driver, row[0]["noise"]["jerk_density"]) < 0.2
+    driver["idm_accel_mps2"] = np.nan
+    assert unexplained_share(driver, row[0]["noise"]["jerk_density"]) == 1.0, "nobody ahead, nothing announced"
 
 
 def test_a_speed_that_drifts_is_betrayed_by_the_car_ahead_when_the_location_wanders() -> None:
@@ -86,13 +100,13 @@ def test_another_car_ahead_is_no_alarm() -> None:
 
 def test_a_change_is_what_the_model_asks_more_than_before_a_delay_after_the_leader() -> None:
     driver, z = np.zeros(1, driver_dtype(DELAY_S))[0], readings(1)[0]
-    meet(driver, P)
-    driver["likeness"] = 0.5
+    set_leader(driver, P)
+    driver["response_gain"] = 0.5
     asked = []
     for k in range(20):
         z["t_s"] = z["leader_t_s"] = 0.1 * k
         z["leader_x_m"], z["leader_v_mps"], z["leader_length_m"] = 40.0 + k, 10.0 if k < 10 else 8.0, LENGTH_M
-        change = ask(driver, z, 0.1, float(k), 10.0, P)
+        change = predict_acceleration(driver, z, 0.1, float(k), 10.0, P)
         asked.append(idm(30.0, 10.0, 10.0 if k < 15 else 8.0, P.idm)[0])
         assert change == pytest.approx(0.0 if k == 0 else 0.5 * (asked[-1] - asked[-2]), abs=1e-6)
 
@@ -101,23 +115,23 @@ def test_the_likeness_learns_what_least_squares_would() -> None:
     """With no gain of the filter the felt change adds up, and the likeness is the slope of innovation on it, shrunk."""
     rng = np.random.default_rng(4)
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
-    everlasting = P._replace(memory=1.0)
-    meet(driver, everlasting)
+    everlasting = P._replace(forgetting_factor=1.0)
+    set_leader(driver, everlasting)
     felt, nu, known = [], [], 0.0
     for _ in range(200):
-        driver["felt_mps2"] += rng.normal(0.0, 0.1)
-        felt.append(float(driver["felt_mps"] + 0.1 * driver["felt_mps2"]))
+        driver["accel_sensitivity"] += rng.normal(0.0, 0.1)
+        felt.append(float(driver["speed_sensitivity"] + 0.1 * driver["accel_sensitivity"]))
         nu.append((0.7 - known) * felt[-1] + rng.normal(0.0, 0.05))
-        learn_likeness(driver, 0.1, nu[-1], 0.05**2, 0.0, 0.0, everlasting)
+        adapt_response_gain(driver, 0.1, nu[-1], 0.05**2, 0.0, 0.0, everlasting)
         nu[-1] += known * felt[-1]
-        known = float(driver["likeness"])
+        known = float(driver["response_gain"])
     f, y = np.array(felt), np.array(nu)
-    assert known == pytest.approx(f @ y / (f @ f + P.doubt * 0.05**2), rel=0.02)
+    assert known == pytest.approx(f @ y / (f @ f + P.prior_information * 0.05**2), rel=0.02)
 
 
 def test_nobody_is_foreseen_altogether() -> None:
     """An hour behind a car that stands: no jerk, and nothing announced that it could be a share of."""
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
-    assert unforeseen_share(driver, 1e-12) == 1.0
-    driver["announced"] = 1.0
-    assert unforeseen_share(driver, 1e-12) == 1e-3
+    assert unexplained_share(driver, 1e-12) == 1.0
+    driver["explained_density"] = 1.0
+    assert unexplained_share(driver, 1e-12) == 1e-3

@@ -5,47 +5,49 @@ import pytest
 from core.estimation.imm import plain_modes as plain
 
 from headway.core.estimation.imm.modes import (
-    CALM,
-    CALM_NIS,
-    COUNT,
     DRIFT_V,
-    FINDING,
     HEALTHY,
-    HYPOTHESES,
-    SINGLE,
-    begin_all,
+    IMM_WORKSPACE,
+    MODE_COUNT,
+    MODES,
+    PRUNE_DOUBLES_ABOVE,
+    PRUNE_RECOVERY_BELOW_NIS,
+    SINGLE_FAULT_MODES,
     estimate,
-    judge,
-    suspicion,
+    initialise_modes,
+    sensor_fault_probability,
+    update,
 )
 from headway.core.estimation.imm.step import headway_params
 from headway.core.estimation.kinematics import SIZE
 from headway.core.types.config import DetectorConfig
 
-P = headway_params(DetectorConfig()).hypotheses
+P = headway_params(DetectorConfig()).modes
 R = np.array([1e-4, 1e-4])
 Q, WALK = 0.2, 1e-5
 TRIANGLE = np.triu_indices(5)
 
 
 class Kernel:
-    """A row, and what `judge` finds."""
+    """A row, and what `update` finds."""
 
     def __init__(self, x_m, v_mps):
-        self.row, self.found = np.zeros(1, HYPOTHESES)[0], np.zeros(1, FINDING)[0]
-        begin_all(self.row, x_m, v_mps, R, P)
+        self.row, self.found = np.zeros(1, MODES)[0], np.zeros(1, IMM_WORKSPACE)[0]
+        initialise_modes(self.row, x_m, v_mps, R, P)
 
     @property
-    def w(self):
-        return self.row["w"]
+    def mode_probability(self):
+        return self.row["mode_probability"]
 
-    def step(self, h, z, unforeseen=1.0):
-        judge(self.row, h, np.asarray(z), R, Q, WALK, unforeseen, P, self.found)
+    def step(self, h, z, unexplained=1.0):
+        update(self.row, h, np.asarray(z), R, Q, WALK, unexplained, P, self.found)
 
 
 def gaussians(kernel):
     made = []
-    for m, weight in zip([*kernel.row["one"].T[:SINGLE], *kernel.row["two"].T], kernel.w, strict=True):
+    for m, weight in zip(
+        [*kernel.row["single"].T[:SINGLE_FAULT_MODES], *kernel.row["double"].T], kernel.mode_probability, strict=True
+    ):
         cov = np.zeros((5, 5))
         cov[TRIANGLE] = m[5:]
         made.append(plain.Gaussian(float(weight), m[:5].copy(), cov + np.triu(cov, 1).T))
@@ -64,7 +66,7 @@ def readings(rng, kind, n=60):
         z[lie, 1] += np.linspace(0.0, 0.8, 20)
     elif kind == "noise":
         z[lie, 1] += rng.normal(0.0, 1.0, 20)
-    elif kind == "two":
+    elif kind == "double":
         z[lie, 0] += 1.3
         z[25:45, 1] += rng.normal(0.0, 1.0, 20)
     elif kind == "negative":
@@ -72,9 +74,9 @@ def readings(rng, kind, n=60):
     return t_s, z
 
 
-@pytest.mark.parametrize("unforeseen", [1.0, 0.1])
-@pytest.mark.parametrize("kind", ["honest", "bias", "drift", "noise", "two", "negative"])
-def test_every_step_agrees_with_the_plain_twin(kind: str, unforeseen: float) -> None:
+@pytest.mark.parametrize("unexplained", [1.0, 0.1])
+@pytest.mark.parametrize("kind", ["honest", "bias", "drift", "noise", "double", "negative"])
+def test_every_step_agrees_with_the_plain_twin(kind: str, unexplained: float) -> None:
     """From the same state each time, so that rounding does not add up where two hypotheses are neck and neck."""
     t_s, z = readings(np.random.default_rng(4), kind)
     came = np.arange(len(t_s)) % 7 != 5
@@ -82,12 +84,16 @@ def test_every_step_agrees_with_the_plain_twin(kind: str, unforeseen: float) -> 
     kernel = Kernel(*z[0])
     for k in range(1, len(t_s)):
         h = float(t_s[k] - t_s[k - 1])
-        expected, ended = plain.step(gaussians(kernel), h, z[k], R, Q, WALK, unforeseen, P, CALM, CALM_NIS)
-        kernel.step(h, z[k], unforeseen)
-        np.testing.assert_allclose(kernel.found["ended"], ended, rtol=1e-4, atol=1e-8, err_msg=str(k))
+        expected, ended = plain.step(
+            gaussians(kernel), h, z[k], R, Q, WALK, unexplained, P, PRUNE_DOUBLES_ABOVE, PRUNE_RECOVERY_BELOW_NIS
+        )
+        kernel.step(h, z[k], unexplained)
+        np.testing.assert_allclose(kernel.found["ended_probability"], ended, rtol=1e-4, atol=1e-8, err_msg=str(k))
         for got, wanted, name in zip(gaussians(kernel), expected, plain.NAMES, strict=True):
             assert got.weight == pytest.approx(wanted.weight, rel=1e-4, abs=1e-8), (k, name)
-            if wanted.weight > 1e-6 and (kernel.w[HEALTHY] <= CALM or plain.lies(name) < 2):
+            if wanted.weight > 1e-6 and (
+                kernel.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE or plain.lies(name) < 2
+            ):
                 line = any(word in plain.LINES for word in name)
                 n = 5 if line else 3
                 np.testing.assert_allclose(got.mean[:n], wanted.mean[:n], rtol=1e-5, atol=1e-5, err_msg=f"{k} {name}")
@@ -95,12 +101,12 @@ def test_every_step_agrees_with_the_plain_twin(kind: str, unforeseen: float) -> 
 
 
 def test_the_weights_sum_to_one_and_none_dies() -> None:
-    t_s, z = readings(np.random.default_rng(1), "two")
+    t_s, z = readings(np.random.default_rng(1), "double")
     kernel = Kernel(*z[0])
     for k in range(1, len(t_s)):
         kernel.step(0.1, z[k])
-        assert kernel.w.sum() == pytest.approx(1.0, abs=1e-8)
-        assert kernel.w.min() >= 1e-10
+        assert kernel.mode_probability.sum() == pytest.approx(1.0, abs=1e-8)
+        assert kernel.mode_probability.min() >= 1e-10
 
 
 @pytest.mark.parametrize("sensor", [0, 1])
@@ -110,12 +116,12 @@ def test_a_spike_is_blamed_on_its_sensor_and_on_nothing_after_it(sensor: int) ->
     kernel = Kernel(*z[0])
     for k in range(1, len(t_s)):
         kernel.step(0.1, z[k])
-        wrong = suspicion(kernel.w)
+        wrong = sensor_fault_probability(kernel.mode_probability)
         if k == 30:
             assert wrong[sensor] > 0.95
             assert wrong[1 - sensor] < 0.05
         elif k > 32 or 5 < k < 30:
-            assert kernel.w[HEALTHY] > 0.9
+            assert kernel.mode_probability[HEALTHY] > 0.9
 
 
 def test_the_end_of_a_bias_is_not_a_new_fault() -> None:
@@ -124,9 +130,9 @@ def test_the_end_of_a_bias_is_not_a_new_fault() -> None:
     for k in range(1, len(t_s)):
         kernel.step(0.1, z[k])
         if 21 <= k < 40:
-            assert suspicion(kernel.w)[0] > 0.99
+            assert sensor_fault_probability(kernel.mode_probability)[0] > 0.99
         elif k > 41:
-            assert kernel.w[HEALTHY] > 0.95
+            assert kernel.mode_probability[HEALTHY] > 0.95
 
 
 def test_the_innovation_is_that_of_the_healthy_hypothesis() -> None:
@@ -143,25 +149,25 @@ def test_a_drift_that_went_unnoticed_is_recognised_as_it_ends(seed: int) -> None
     t_s, z = readings(rng, "honest")
     z[:, 0] += np.cumsum(rng.normal(0.0, 0.01, len(t_s)))
     z[20:40, 1] -= np.linspace(0.0, 0.2, 20)
-    row, found = np.zeros(1, HYPOTHESES)[0], np.zeros(1, FINDING)[0]
-    begin_all(row, *z[0], R, P)
+    row, found = np.zeros(1, MODES)[0], np.zeros(1, IMM_WORKSPACE)[0]
+    initialise_modes(row, *z[0], R, P)
     suspected = []
     for k in range(1, len(t_s)):
-        judge(row, 0.1, z[k], R, 0.03, 0.001, 1.0, P, found)
-        suspected.append(suspicion(row["w"])[1])
+        update(row, 0.1, z[k], R, 0.03, 0.001, 1.0, P, found)
+        suspected.append(sensor_fault_probability(row["mode_probability"])[1])
         if k == 40:
-            assert found["ended"].argmax() == DRIFT_V
-            assert found["ended"].sum() > 0.9
+            assert found["ended_probability"].argmax() == DRIFT_V
+            assert found["ended_probability"].sum() > 0.9
     assert max(suspected) < 0.1
 
 
 def test_the_estimate_is_the_mixture_of_all_that_count() -> None:
-    t_s, z = readings(np.random.default_rng(6), "two")
+    t_s, z = readings(np.random.default_rng(6), "double")
     kernel, into = Kernel(*z[0]), np.empty(SIZE)
     for k in range(1, len(t_s)):
         kernel.step(0.1, z[k])
         estimate(kernel.row, into)
-        count = SINGLE if kernel.w[HEALTHY] > CALM else COUNT
+        count = SINGLE_FAULT_MODES if kernel.mode_probability[HEALTHY] > PRUNE_DOUBLES_ABOVE else MODE_COUNT
         wanted = plain.mixed([part.honest() for part in gaussians(kernel)[:count]])
         np.testing.assert_allclose(into[:3], wanted.mean[:3], rtol=1e-7)
         np.testing.assert_allclose(into[[5, 6, 7, 10, 11, 14]], wanted.cov[np.triu_indices(3)], rtol=1e-5)

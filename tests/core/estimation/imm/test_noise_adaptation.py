@@ -32,28 +32,33 @@ def learnt(rng, x_std, v_std, jerk_std=0.8, slip_mps=0.0, lag_s=0.0, n=3000):
     read["v_mps"] = v - lag_s * np.gradient(v, h) + rng.normal(0.0, v_std, n)
     bank = np.zeros(1, headway_dtype(CONFIG.delay_s))
     drive(bank[0], read, P, verdicts(n))
-    return bank[0]["levels"]
+    return bank[0]["noise"]
 
 
 @pytest.mark.parametrize(("x_std", "v_std"), [(0.01, 0.01), (0.05, 0.02), (1.0, 0.1), (0.01, 0.1)])
 def test_the_noise_of_both_sensors_is_found(x_std: float, v_std: float) -> None:
-    levels = learnt(np.random.default_rng(0), x_std, v_std)
-    assert np.sqrt(levels["r"][0]) == pytest.approx(x_std, rel=0.35)
-    assert np.sqrt(levels["r"][1]) == pytest.approx(v_std, rel=0.35)
+    noise = learnt(np.random.default_rng(0), x_std, v_std)
+    assert np.sqrt(noise["r"][0]) == pytest.approx(x_std, rel=0.35)
+    assert np.sqrt(noise["r"][1]) == pytest.approx(v_std, rel=0.35)
 
 
 def test_a_jerky_driver_is_told_from_a_smooth_one() -> None:
     rng = np.random.default_rng(1)
-    assert learnt(rng, 0.01, 0.01, jerk_std=3.0)["q"] > 5.0 * learnt(rng, 0.01, 0.01, jerk_std=0.3)["q"]
+    assert (
+        learnt(rng, 0.01, 0.01, jerk_std=3.0)["jerk_density"]
+        > 5.0 * learnt(rng, 0.01, 0.01, jerk_std=0.3)["jerk_density"]
+    )
 
 
 @pytest.mark.parametrize("slip_mps", [0.0, -0.2, 1.0])
 def test_a_location_that_moves_beside_the_speed_is_found_out(slip_mps: float) -> None:
     """The published simulator's followers slip by up to 1 m/s, a worn tyre by a tenth of that."""
-    assert learnt(np.random.default_rng(2), 0.01, 0.01, slip_mps=slip_mps)["slip"] == pytest.approx(slip_mps, abs=0.03)
+    assert learnt(np.random.default_rng(2), 0.01, 0.01, slip_mps=slip_mps)["speed_bias_mps"] == pytest.approx(
+        slip_mps, abs=0.03
+    )
 
 
 @pytest.mark.parametrize("lag_s", [0.0, 0.1])
 def test_how_old_the_speed_is_beside_the_location_is_found_out_as_it_changes(lag_s: float) -> None:
-    levels = learnt(np.random.default_rng(3), 0.01, 0.01, jerk_std=4.0, lag_s=lag_s)
-    assert levels["lag_s"] == pytest.approx(lag_s, abs=0.02)
+    noise = learnt(np.random.default_rng(3), 0.01, 0.01, jerk_std=4.0, lag_s=lag_s)
+    assert noise["speed_latency_s"] == pytest.approx(lag_s, abs=0.02)

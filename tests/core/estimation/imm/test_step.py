@@ -87,7 +87,7 @@ def test_a_silence_restarts_the_motion_but_not_what_was_learnt() -> None:
     np.testing.assert_array_equal(np.flatnonzero(judged["restarted"]), [500])
     assert judged["warming"][500:520].all()
     assert judged["x_m"][500] == pytest.approx(read["x_m"][500])
-    assert bank[0]["levels"]["learnt"] > 600
+    assert bank[0]["noise"]["adapted_readings"] > 600
 
 
 def test_an_offset_that_does_not_end_is_accepted_within_seconds() -> None:

@@ -1,11 +1,11 @@
-"""Which sensor lies, and how: read off the weights of `hypotheses`, given that something lies at all."""
+"""Which sensor lies, and how: read off the weights of `modes`, given that something lies at all."""
 
 from typing import Any
 
 from numba import njit
 
 from headway.core.estimation.imm.modes import BIAS, BOTH, DRIFT, NOISE, OTHER_PAIR, OTHER_SENSOR, PAIR
-from headway.core.estimation.kinematics import LOCATION, SPEED
+from headway.core.estimation.kinematics import Z_POSITION, Z_SPEED
 from headway.core.types.records import Kind, Sensor
 
 X_LIES, V_LIES, BOTH_LIE = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.BOTH)
@@ -13,25 +13,29 @@ IS_SHORT, IS_NOISE, IS_BIAS, IS_DRIFT = int(Kind.SHORT), int(Kind.NOISE), int(Ki
 
 
 @njit(cache=True)
-def lying_sensor(w: Any) -> int:
+def faulty_sensor(mode_probability: Any) -> int:
     """Return the `Sensor` code of the likeliest set of lying sensors."""
-    x = w[BIAS] + w[DRIFT] + w[NOISE]
-    v = w[OTHER_SENSOR + BIAS] + w[OTHER_SENSOR + DRIFT] + w[OTHER_SENSOR + NOISE]
-    two = w[PAIR] + w[PAIR + OTHER_PAIR] + w[BOTH]
+    x = mode_probability[BIAS] + mode_probability[DRIFT] + mode_probability[NOISE]
+    v = (
+        mode_probability[OTHER_SENSOR + BIAS]
+        + mode_probability[OTHER_SENSOR + DRIFT]
+        + mode_probability[OTHER_SENSOR + NOISE]
+    )
+    two = mode_probability[PAIR] + mode_probability[PAIR + OTHER_PAIR] + mode_probability[BOTH]
     if two > x and two > v:
         return BOTH_LIE
     return X_LIES if x > v else V_LIES
 
 
 @njit(cache=True)
-def lie_of(w: Any, sensor: int) -> tuple[int, float]:
+def fault_kind(mode_probability: Any, sensor: int) -> tuple[int, float]:
     """Return the likeliest `Kind` code of the lie of `sensor` (0, 1), and its probability, given that it lies."""
     own = OTHER_SENSOR * sensor
-    noise = w[NOISE + own] + w[PAIR + 1 - sensor] + w[BOTH]
-    line = w[BIAS + own] + w[DRIFT + own]
+    noise = mode_probability[NOISE + own] + mode_probability[PAIR + 1 - sensor] + mode_probability[BOTH]
+    line = mode_probability[BIAS + own] + mode_probability[DRIFT + own]
     # PAIR does not tell bias from drift: it is shared out as the two that it came from.
-    share = 1.0 + w[PAIR + sensor] / line
-    bias, drift = share * w[BIAS + own], share * w[DRIFT + own]
+    share = 1.0 + mode_probability[PAIR + sensor] / line
+    bias, drift = share * mode_probability[BIAS + own], share * mode_probability[DRIFT + own]
     total = noise + bias + drift
     if noise > bias and noise > drift:
         return IS_NOISE, noise / total
@@ -41,21 +45,21 @@ def lie_of(w: Any, sensor: int) -> tuple[int, float]:
 
 
 @njit(cache=True)
-def name_lie(w: Any, run: Any, over: float) -> tuple[int, int, float]:
-    """Return sensor, kind and the confidence in the kind, for an anomalous reading, and count it in `run` (2,).
+def isolate(mode_probability: Any, run_length: Any, over: float) -> tuple[int, int, float]:
+    """Return sensor, kind and the confidence in the kind, for an anomalous reading, and count it in `run_length` (2,).
 
-    `run` holds for how many anomalous readings each sensor has lied so far. A first one is called short, with the
-    probability `over` that it is not followed by more of the same.
+    `run_length` counts the anomalous readings of each sensor so far. The first one is named short, with the probability
+    `over` that the fault has ended by the next.
     """
-    sensor = lying_sensor(w)
+    sensor = faulty_sensor(mode_probability)
     kind, confidence = 0, -1.0
-    for which in (LOCATION, SPEED):
+    for which in (Z_POSITION, Z_SPEED):
         if sensor not in (which + 1, BOTH_LIE):
-            run[which] = 0
+            run_length[which] = 0
             continue
-        run[which] += 1
-        here, certainty = lie_of(w, which)
-        if run[which] == 1:
+        run_length[which] += 1
+        here, certainty = fault_kind(mode_probability, which)
+        if run_length[which] == 1:
             here, certainty = IS_SHORT, over
         if certainty > confidence:
             kind, confidence = here, certainty
@@ -63,13 +67,13 @@ def name_lie(w: Any, run: Any, over: float) -> tuple[int, int, float]:
 
 
 @njit(cache=True)
-def name_past_lie(w: Any) -> tuple[int, int, float]:
+def isolate_ended(mode_probability: Any) -> tuple[int, int, float]:
     """Return sensor, kind and the confidence in the kind of a lie that is told of only as it ends."""
-    sensor = lying_sensor(w)
+    sensor = faulty_sensor(mode_probability)
     kind, confidence = 0, -1.0
-    for which in (LOCATION, SPEED):
+    for which in (Z_POSITION, Z_SPEED):
         if sensor in (which + 1, BOTH_LIE):
-            here, certainty = lie_of(w, which)
+            here, certainty = fault_kind(mode_probability, which)
             if certainty > confidence:
                 kind, confidence = here, certainty
     return sensor, kind, confidence

@@ -9,54 +9,67 @@ from typing import Any
 
 from numba import njit
 
-from headway.core.estimation.imm.modes import BIAS, BOTH, DRIFT, NOISE, OTHER_SENSOR, PAIR, give_in, suspicion
-from headway.core.estimation.imm.noise_adaptation import bounded, shift
-from headway.core.estimation.kinematics import LOCATION, SPEED, S
+from headway.core.estimation.imm.modes import (
+    BIAS,
+    BOTH,
+    DRIFT,
+    NOISE,
+    OTHER_SENSOR,
+    PAIR,
+    reset_to_measurement,
+    sensor_fault_probability,
+)
+from headway.core.estimation.imm.noise_adaptation import add_speed_bias, clip
+from headway.core.estimation.kinematics import SLOPE, Z_POSITION, Z_SPEED
 
-LOUDER = 16.0
+NOISE_INFLATION = 16.0
 """Factor on the variance of a sensor whose noise does not end, or on the walk of a location whose offset does not."""
-WALKING = 1e-3
+INFLATED_RANDOM_WALK_MIN = 1e-3
 """Least walk (m^2/s) after such a step: a location wanders by a centimetre a reading, or not at all."""
-SHIFT_MPS = 1.0
+SPEED_BIAS_STEP_MAX_MPS = 1.0
 """Most that the slip changes at such a step."""
-AGAIN_S = 30.0
+REPEAT_S = 30.0
 """A sensor believed again twice within this time, or so early, is not what it is taken for."""
-RESETTLE = 20.0
+ADAPTED_READINGS_KEPT = 20.0
 """Readings learnt that are left after such a step, so that the level is found anew soon."""
 
 
 @njit(cache=True)
-def doubt_levels(row: Any, sensor: int, p: Any) -> None:
+def inflate_noise(row: Any, sensor: int, p: Any) -> None:
     """Blame a suspicion of `sensor` that comes back and back on what was learnt: noise, scale of the speed, walk."""
-    w, own = row.w, OTHER_SENSOR * sensor
-    if w[NOISE + own] + w[PAIR + 1 - sensor] + w[BOTH] > 0.5:
-        most = p.levels.x_std_most_m if sensor == LOCATION else p.levels.v_std_most_mps
-        row.levels.r[sensor] = min(LOUDER * row.levels.r[sensor], most**2)
-    elif sensor == LOCATION:
-        if w[DRIFT] > w[BIAS]:
-            shift(row.levels, bounded(row.one[S, DRIFT], -SHIFT_MPS, SHIFT_MPS), p.levels)
+    mode_probability, own = row.mode_probability, OTHER_SENSOR * sensor
+    if mode_probability[NOISE + own] + mode_probability[PAIR + 1 - sensor] + mode_probability[BOTH] > 0.5:
+        most = p.noise.x_std_max_m if sensor == Z_POSITION else p.noise.v_std_max_mps
+        row.noise.r[sensor] = min(NOISE_INFLATION * row.noise.r[sensor], most**2)
+    elif sensor == Z_POSITION:
+        if mode_probability[DRIFT] > mode_probability[BIAS]:
+            add_speed_bias(
+                row.noise, clip(row.single[SLOPE, DRIFT], -SPEED_BIAS_STEP_MAX_MPS, SPEED_BIAS_STEP_MAX_MPS), p.noise
+            )
         else:
-            row.levels.walk = bounded(LOUDER * row.levels.walk, WALKING, p.levels.walk_most)
+            row.noise.random_walk_density = clip(
+                NOISE_INFLATION * row.noise.random_walk_density, INFLATED_RANDOM_WALK_MIN, p.noise.random_walk_max
+            )
 
 
 @njit(cache=True)
-def relent(row: Any, mean: Any, reading: Any, dt_s: float, p: Any) -> bool:
+def fault_timeout(row: Any, mean: Any, reading: Any, dt_s: float, p: Any) -> bool:
     """Count how long each sensor has been suspected, and believe it again when that is too long; return whether so."""
-    wrong_x, wrong_v = suspicion(row.w)
-    row.wrong_s[LOCATION] = row.wrong_s[LOCATION] + dt_s if wrong_x > 0.5 else 0.0
-    row.wrong_s[SPEED] = row.wrong_s[SPEED] + dt_s if wrong_v > 0.5 else 0.0
-    row.heard_s += dt_s
-    most_s = min(p.wrong_most_s, p.wrong_share * row.heard_s)
-    x, v = row.wrong_s[LOCATION] > most_s, row.wrong_s[SPEED] > most_s
+    position_fault, speed_fault = sensor_fault_probability(row.mode_probability)
+    row.fault_time_s[Z_POSITION] = row.fault_time_s[Z_POSITION] + dt_s if position_fault > 0.5 else 0.0
+    row.fault_time_s[Z_SPEED] = row.fault_time_s[Z_SPEED] + dt_s if speed_fault > 0.5 else 0.0
+    row.observed_s += dt_s
+    limit_s = min(p.fault_time_max_s, p.fault_share_max * row.observed_s)
+    x, v = row.fault_time_s[Z_POSITION] > limit_s, row.fault_time_s[Z_SPEED] > limit_s
     if not (x or v):
         return False
-    again = row.t_s - row.relented_s < AGAIN_S
-    row.relented_s = row.t_s
-    for sensor in (LOCATION, SPEED):
-        if row.wrong_s[sensor] > most_s:
-            row.wrong_s[sensor] = 0.0
-            if again:
-                row.levels.learnt = min(row.levels.learnt, RESETTLE)
-                doubt_levels(row, sensor, p)
-    give_in(row, x, v, mean, reading, row.levels.r, p.hypotheses)
+    repeated = row.t_s - row.last_reset_s < REPEAT_S
+    row.last_reset_s = row.t_s
+    for sensor in (Z_POSITION, Z_SPEED):
+        if row.fault_time_s[sensor] > limit_s:
+            row.fault_time_s[sensor] = 0.0
+            if repeated:
+                row.noise.adapted_readings = min(row.noise.adapted_readings, ADAPTED_READINGS_KEPT)
+                inflate_noise(row, sensor, p)
+    reset_to_measurement(row, x, v, mean, reading, row.noise.r, p.modes)
     return True

@@ -27,34 +27,34 @@ from numba import njit
 
 from headway.core.estimation.kinematics import (
     AA,
+    AX,
     BB,
-    LOCATION,
-    NO_LANE,
+    NO_COLUMN,
+    PX,
     SIZE,
-    SPEED,
     SS,
     VA,
     VV,
+    VX,
     XA,
     XV,
     XX,
-    A,
-    V,
-    X,
-    accuse,
-    acquit,
-    begin,
-    copy,
-    fold,
-    jolt,
-    jump,
-    lanes,
+    Z_POSITION,
+    Z_SPEED,
+    add_jerk_noise,
+    add_speed_jump,
+    clear_offset,
+    copy_column,
+    filters,
+    initialise,
     likelihood,
-    mend,
-    merge,
+    moment_match,
+    moment_match_weighted,
     predict,
-    read,
-    unread,
+    repair_covariance,
+    reset_likelihood,
+    set_offset,
+    update_scalar,
 )
 
 HEALTHY, BIAS, DRIFT, NOISE = 0, 1, 2, 3
@@ -62,48 +62,58 @@ OTHER_SENSOR = 3
 """Added to one of the last three it means the speed sensor instead of the location."""
 PAIR, BOTH = 7, 9
 OTHER_PAIR = 1
-SINGLE, COUNT = 7, 10
+SINGLE_FAULT_MODES, MODE_COUNT = 7, 10
 """Hypotheses below SINGLE are those of at most one lie."""
-WEIGHT_FLOOR = 1e-10
+MODE_PROBABILITY_FLOOR = 1e-10
 """No hypothesis ever dies, and the log odds stay within +-23."""
-IMPOSSIBLE = 1e-8
-CALM = 0.9997
+NEGATIVE_SPEED_LIKELIHOOD = 1e-8
+PRUNE_DOUBLES_ABOVE = 0.9997
 """Probability of HEALTHY beyond which nobody thinks of two lies at once,"""
-CALM_NIS = 9.0
+PRUNE_RECOVERY_BELOW_NIS = 9.0
 """nor, if its nis is below this, of a lie that has just ended."""
 
-LANES = SINGLE + 1
-PAIRS = COUNT - SINGLE
-HYPOTHESES = np.dtype([("one", "f8", (SIZE, LANES)), ("two", "f8", (SIZE, PAIRS)), ("w", "f8", (COUNT,))], align=True)
+SINGLE_COLUMNS = SINGLE_FAULT_MODES + 1
+DOUBLE_COLUMNS = MODE_COUNT - SINGLE_FAULT_MODES
+MODES = np.dtype(
+    [
+        ("single", "f8", (SIZE, SINGLE_COLUMNS)),
+        ("double", "f8", (SIZE, DOUBLE_COLUMNS)),
+        ("mode_probability", "f8", (MODE_COUNT,)),
+    ],
+    align=True,
+)
 """What is kept of a vehicle between two readings: a weight for each hypothesis, and a lane.
 
-`one` are those of at most one lie, its last lane being spare; `two` those of two, kept up only while HEALTHY is no more
-likely than CALM.
+`single` holds the modes with at most one fault and a spare column; `double` those with two, which change only while
+the probability of HEALTHY is at most PRUNE_DOUBLES_ABOVE.
 """
-SPARE = SINGLE
+SPARE_COLUMN = SINGLE_FAULT_MODES
 
 BIAS_V, DRIFT_V, NOISE_V = BIAS + OTHER_SENSOR, DRIFT + OTHER_SENSOR, NOISE + OTHER_SENSOR
-LOCATION_PAIR, SPEED_PAIR, BOTH_PAIR = range(PAIRS)
-"""Lanes of `two`."""
+POSITION_OFFSET_COLUMN, SPEED_OFFSET_COLUMN, BOTH_NOISE_COLUMN = range(DOUBLE_COLUMNS)
+"""Lanes of `double`."""
 
-FINDING = np.dtype(
+IMM_WORKSPACE = np.dtype(
     [
-        ("one", lanes(LANES)),
-        ("fresh", lanes(LANES)),  # what comes to each hypothesis from HEALTHY now: a lie begins, or a manoeuvre
-        ("past", lanes(COUNT)),  # each hypothesis as if its lie were over
-        ("two", lanes(PAIRS)),
-        ("prior", "f8", (COUNT,)),
-        ("share", "f8", (LANES,)),  # of the fresh lanes in what comes of both
-        ("ended", "f8", (COUNT,)),  # weight of: this hypothesis was true until now, and is over
+        ("single", filters(SINGLE_COLUMNS)),
+        (
+            "onset",
+            filters(SINGLE_COLUMNS),
+        ),  # what comes to each hypothesis from HEALTHY now: a lie begins, or a manoeuvre
+        ("recovered", filters(MODE_COUNT)),  # each hypothesis as if its lie were over
+        ("double", filters(DOUBLE_COLUMNS)),
+        ("predicted_probability", "f8", (MODE_COUNT,)),
+        ("onset_share", "f8", (SINGLE_COLUMNS,)),  # of the fresh lanes in what comes of both
+        ("ended_probability", "f8", (MODE_COUNT,)),  # weight of: this hypothesis was true until now, and is over
         ("nu", "f8", (2,)),  # innovation of location and speed under HEALTHY,
         ("S", "f8", (3,)),  # and its covariance xx, xv, vv
     ],
     align=True,
 )
-"""What `judge` works in, and answers with: `ended`, `nu`, `S`."""
+"""What `update` works in, and answers with: `ended_probability`, `nu`, `S`."""
 
 
-class Hypotheses(NamedTuple):
+class ModeParams(NamedTuple):
     """What is thought possible before any reading; SI units."""
 
     faults_per_s: float
@@ -112,211 +122,261 @@ class Hypotheses(NamedTuple):
     """Probability that a reading belongs to a manoeuvre."""
     manoeuvre_jerk: float
     """Density of the jerk then, as a multiple of the calm one,"""
-    manoeuvre_least: float
+    manoeuvre_jerk_min: float
     """and on top of that, m^2/s^5: whoever drove steadily for long brakes as hard as others do."""
     standstill_mps: float
     """Below about this speed it may seem to jump,"""
     standstill_jump_mps: float
     """by about this much."""
-    spread: float
+    fault_size: float
     """Usual size of a fault, m or m/s; the tails are heavy."""
-    drift_start: float
-    drift_slope: float
+    drift_offset0: float
+    drift_slope0: float
     """Usual offset at the start of a drift, and its growth per second;"""
-    drift_steep: float
+    drift_slope_share: float
     """of the slope that the first innovation would mean, this share (of the variance) is thought possible as well."""
-    offset_walk: float
+    offset_noise: float
     """How far an offset strays from its straight line, per reading."""
     a_std_mps2: float
     """How well the acceleration of a vehicle not heard before is known."""
 
 
 @njit(cache=True)
-def begin_all(row: Any, x_m: float, v_mps: float, r: Any, p: Hypotheses) -> None:
+def initialise_modes(row: Any, x_m: float, v_mps: float, r: Any, p: ModeParams) -> None:
     """Start every hypothesis of a row (HYPOTHESES) at a reading of variances `r` (2,), and believe it."""
-    for j in range(LANES):
-        begin(row.one, j, x_m, v_mps, r[LOCATION], r[SPEED], p.a_std_mps2**2)
-    row.w[:] = WEIGHT_FLOOR
-    row.w[HEALTHY] = 1.0
+    for j in range(SINGLE_COLUMNS):
+        initialise(row.single, j, x_m, v_mps, r[Z_POSITION], r[Z_SPEED], p.a_std_mps2**2)
+    row.mode_probability[:] = MODE_PROBABILITY_FLOOR
+    row.mode_probability[HEALTHY] = 1.0
 
 
 @njit(cache=True)
-def add_means(m: Any, w: Any, first: int, last: int, into: Any) -> None:
+def add_means(m: Any, mode_probability: Any, first: int, last: int, into: Any) -> None:
     """Add up the means of hypotheses `first` to `last`, which are lanes 0, 1, ... of m."""
     for j in range(first, last):
-        for i in (X, V, A):
-            into[i] += w[j] * m[i, j - first]
+        for i in (PX, VX, AX):
+            into[i] += mode_probability[j] * m[i, j - first]
 
 
 @njit(cache=True)
-def add_spreads(m: Any, w: Any, first: int, last: int, into: Any) -> None:
+def add_covariances(m: Any, mode_probability: Any, first: int, last: int, into: Any) -> None:
     """Add up the covariances of the same, about the mean that is in `into` by now."""
     for j in range(first, last):
         k = j - first
-        dx, dv, da = m[X, k] - into[X], m[V, k] - into[V], m[A, k] - into[A]
-        into[XX] += w[j] * (m[XX, k] + dx * dx)
-        into[XV] += w[j] * (m[XV, k] + dx * dv)
-        into[XA] += w[j] * (m[XA, k] + dx * da)
-        into[VV] += w[j] * (m[VV, k] + dv * dv)
-        into[VA] += w[j] * (m[VA, k] + dv * da)
-        into[AA] += w[j] * (m[AA, k] + da * da)
+        dx, dv, da = m[PX, k] - into[PX], m[VX, k] - into[VX], m[AX, k] - into[AX]
+        into[XX] += mode_probability[j] * (m[XX, k] + dx * dx)
+        into[XV] += mode_probability[j] * (m[XV, k] + dx * dv)
+        into[XA] += mode_probability[j] * (m[XA, k] + dx * da)
+        into[VV] += mode_probability[j] * (m[VV, k] + dv * dv)
+        into[VA] += mode_probability[j] * (m[VA, k] + dv * da)
+        into[AA] += mode_probability[j] * (m[AA, k] + da * da)
 
 
 @njit(cache=True)
 def estimate(row: Any, into: Any) -> None:
     """Write mean and covariance of the car's own motion, over all hypotheses and without any lie, to `into` (SIZE,)."""
     into[:] = 0.0
-    calm = row.w[HEALTHY] > CALM
-    add_means(row.one, row.w, 0, SINGLE, into)
-    if not calm:
-        add_means(row.two, row.w, SINGLE, COUNT, into)
-    add_spreads(row.one, row.w, 0, SINGLE, into)
-    if not calm:
-        add_spreads(row.two, row.w, SINGLE, COUNT, into)
+    doubles_pruned = row.mode_probability[HEALTHY] > PRUNE_DOUBLES_ABOVE
+    add_means(row.single, row.mode_probability, 0, SINGLE_FAULT_MODES, into)
+    if not doubles_pruned:
+        add_means(row.double, row.mode_probability, SINGLE_FAULT_MODES, MODE_COUNT, into)
+    add_covariances(row.single, row.mode_probability, 0, SINGLE_FAULT_MODES, into)
+    if not doubles_pruned:
+        add_covariances(row.double, row.mode_probability, SINGLE_FAULT_MODES, MODE_COUNT, into)
 
 
 @njit(cache=True)
-def take_out(row: Any, found: Any, calm: bool) -> None:
+def load(row: Any, found: Any, doubles_pruned: bool) -> None:
     """Copy lanes of the row to where they are worked on."""
     for i in range(SIZE):
-        for j in range(LANES):
-            found.one.m[i, j] = row.one[i, j]
-    if not calm:
-        found.two.m[:] = row.two
+        for j in range(SINGLE_COLUMNS):
+            found.single.m[i, j] = row.single[i, j]
+    if not doubles_pruned:
+        found.double.m[:] = row.double
 
 
 @njit(cache=True)
-def put_back(row: Any, found: Any, was_calm: bool) -> None:
+def store(row: Any, found: Any, doubles_pruned: bool) -> None:
     """Copy them back; hypotheses of two lies that nobody thought of until now know what HEALTHY knows."""
     for i in range(SIZE):
-        for j in range(LANES):
-            row.one[i, j] = found.one.m[i, j]
-    if row.w[HEALTHY] <= CALM:
-        for j in range(PAIRS):
-            if was_calm:
-                copy(row.two, j, found.one.m, HEALTHY)
+        for j in range(SINGLE_COLUMNS):
+            row.single[i, j] = found.single.m[i, j]
+    if row.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE:
+        for j in range(DOUBLE_COLUMNS):
+            if doubles_pruned:
+                copy_column(row.double, j, found.single.m, HEALTHY)
             else:
-                copy(row.two, j, found.two.m, j)
+                copy_column(row.double, j, found.double.m, j)
 
 
 @njit(cache=True)
-def remember(found: Any, count: int) -> None:
-    """Keep the first `count` hypotheses in `past`, without their lies."""
-    past = found.past.m
-    for j in range(SINGLE):
-        copy(past, j, found.one.m, j)
-    for j in range(SINGLE, count):
-        copy(past, j, found.two.m, j - SINGLE)
+def save_prior(found: Any, count: int) -> None:
+    """Keep the first `count` hypotheses in `recovered`, without their lies."""
+    recovered = found.recovered.m
+    for j in range(SINGLE_FAULT_MODES):
+        copy_column(recovered, j, found.single.m, j)
+    for j in range(SINGLE_FAULT_MODES, count):
+        copy_column(recovered, j, found.double.m, j - SINGLE_FAULT_MODES)
     for j in range(count):
-        acquit(past, j)
+        clear_offset(recovered, j)
 
 
 @njit(cache=True)
-def mix(row: Any, fault: float, over: float, p: Hypotheses, found: Any) -> None:
-    """Move weight between the lies along the Markov chain: lanes and `prior` become what is thought before the reading.
+def mix(row: Any, fault: float, over: float, p: ModeParams, found: Any) -> None:
+    """Mix the faulty modes along the Markov chain: columns and `predicted_probability` become those before the reading.
 
     `fault` and `over` are the probabilities that a good sensor goes bad and a bad one good. The row still holds what
-    was thought after the last reading, and so does `past`, without the lies.
+    was thought after the last reading, and so does `recovered`, without the lies.
     """
-    one, two, past, w, prior = found.one.m, found.two.m, found.past.m, row.w, found.prior
+    single, double, recovered, mode_probability, predicted_probability = (
+        found.single.m,
+        found.double.m,
+        found.recovered.m,
+        row.mode_probability,
+        found.predicted_probability,
+    )
     second, alone, last = (1.0 - over) * fault, over * (1.0 - over), (1.0 - over) ** 2
-    weight = merge(two, BOTH_PAIR, w[BOTH] * last, one, HEALTHY, w[HEALTHY] * fault**2)
+    weight = moment_match_weighted(
+        double, BOTH_NOISE_COLUMN, mode_probability[BOTH] * last, single, HEALTHY, mode_probability[HEALTHY] * fault**2
+    )
     for noise in (NOISE, NOISE_V):
-        weight = merge(two, BOTH_PAIR, weight, one, noise, 0.5 * w[noise] * second)
-    prior[BOTH] = weight
-    for sensor in (LOCATION, SPEED):
+        weight = moment_match_weighted(
+            double, BOTH_NOISE_COLUMN, weight, single, noise, 0.5 * mode_probability[noise] * second
+        )
+    predicted_probability[BOTH] = weight
+    for sensor in (Z_POSITION, Z_SPEED):
         own = OTHER_SENSOR * sensor
         bias, drift, other_noise = BIAS + own, DRIFT + own, NOISE_V - own
-        weight = merge(two, sensor, w[PAIR + sensor] * last, one, bias, w[bias] * second)
-        weight = merge(two, sensor, weight, one, drift, w[drift] * second)
-        copy(one, SPARE, one, other_noise)
-        one[BB, SPARE], one[SS, SPARE] = 2.0 * p.spread**2, p.drift_slope**2
-        prior[PAIR + sensor] = merge(two, sensor, weight, one, SPARE, 0.5 * w[other_noise] * second)
-    for sensor in (LOCATION, SPEED):
+        weight = moment_match_weighted(
+            double, sensor, mode_probability[PAIR + sensor] * last, single, bias, mode_probability[bias] * second
+        )
+        weight = moment_match_weighted(double, sensor, weight, single, drift, mode_probability[drift] * second)
+        copy_column(single, SPARE_COLUMN, single, other_noise)
+        single[BB, SPARE_COLUMN], single[SS, SPARE_COLUMN] = 2.0 * p.fault_size**2, p.drift_slope0**2
+        predicted_probability[PAIR + sensor] = moment_match_weighted(
+            double, sensor, weight, single, SPARE_COLUMN, 0.5 * mode_probability[other_noise] * second
+        )
+    for sensor in (Z_POSITION, Z_SPEED):
         drift, noise, other_pair = DRIFT + OTHER_SENSOR * sensor, NOISE + OTHER_SENSOR * sensor, PAIR + 1 - sensor
-        prior[drift] = merge(one, drift, prior[drift], row.two, sensor, w[PAIR + sensor] * alone)
-        weight = merge(one, noise, prior[noise], past, other_pair, w[other_pair] * alone)
-        prior[noise] = merge(one, noise, weight, past, BOTH, w[BOTH] * alone)
+        predicted_probability[drift] = moment_match_weighted(
+            single, drift, predicted_probability[drift], row.double, sensor, mode_probability[PAIR + sensor] * alone
+        )
+        weight = moment_match_weighted(
+            single, noise, predicted_probability[noise], recovered, other_pair, mode_probability[other_pair] * alone
+        )
+        predicted_probability[noise] = moment_match_weighted(
+            single, noise, weight, recovered, BOTH, mode_probability[BOTH] * alone
+        )
 
 
 @njit(cache=True)
-def push(row: Any, change_mps2: float) -> None:
+def add_acceleration_change(row: Any, change_mps2: float) -> None:
     """Change the acceleration in every hypothesis by what is known to come."""
-    for j in range(LANES):
-        row.one[A, j] += change_mps2
-    if row.w[HEALTHY] <= CALM:
-        for j in range(PAIRS):
-            row.two[A, j] += change_mps2
+    for j in range(SINGLE_COLUMNS):
+        row.single[AX, j] += change_mps2
+    if row.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE:
+        for j in range(DOUBLE_COLUMNS):
+            row.double[AX, j] += change_mps2
 
 
 @njit(cache=True)
-def begin_lies(found: Any, dt_s: float, q: float, unforeseen: float, p: Hypotheses) -> None:
+def branch_to_faults(found: Any, dt_s: float, q: float, unexplained: float, p: ModeParams) -> None:
     """Fill the fresh lanes from the predicted HEALTHY: what may have begun since the last reading."""
-    m, one = found.fresh.m, found.one.m
+    m, single = found.onset.m, found.single.m
     for i in range(SIZE):
-        healthy = one[i, HEALTHY]
-        for j in range(LANES):
+        healthy = single[i, HEALTHY]
+        for j in range(SINGLE_COLUMNS):
             m[i, j] = healthy
-    jolt(m, HEALTHY, dt_s, q * (p.manoeuvre_jerk - 1.0) + unforeseen * p.manoeuvre_least)
-    slow = exp(-0.5 * (m[V, HEALTHY] / p.standstill_mps) ** 2)
-    jump(m, HEALTHY, dt_s, p.standstill_jump_mps**2 * slow)
-    for sensor in (LOCATION, SPEED):
+    add_jerk_noise(m, HEALTHY, dt_s, q * (p.manoeuvre_jerk - 1.0) + unexplained * p.manoeuvre_jerk_min)
+    slow = exp(-0.5 * (m[VX, HEALTHY] / p.standstill_mps) ** 2)
+    add_speed_jump(m, HEALTHY, dt_s, p.standstill_jump_mps**2 * slow)
+    for sensor in (Z_POSITION, Z_SPEED):
         drift = DRIFT + OTHER_SENSOR * sensor
-        m[BB, drift] = p.drift_start**2
-        m[SS, drift] = p.drift_slope**2 + p.drift_steep * (found.nu[sensor] / dt_s) ** 2
+        m[BB, drift] = p.drift_offset0**2
+        m[SS, drift] = p.drift_slope0**2 + p.drift_slope_share * (found.nu[sensor] / dt_s) ** 2
 
 
 @njit(cache=True)
-def read_singles(found: Any, z: Any, r: Any, p: Hypotheses) -> None:
+def update_single_faults(found: Any, z: Any, r: Any, p: ModeParams) -> None:
     """Let the hypotheses of at most one lie take the reading, those that go on and those that begin."""
-    one, fresh, spread = found.one, found.fresh, p.spread
-    unread(one)
-    unread(fresh)
-    x, v = z[LOCATION], z[SPEED]
-    read(one, SPEED, v, r[SPEED], spread, NOISE_V, NO_LANE, BIAS_V, DRIFT_V)
-    read(fresh, SPEED, v, r[SPEED], spread, BIAS_V, NOISE_V, DRIFT_V, NO_LANE)
-    read(one, LOCATION, x, r[LOCATION], spread, NOISE, NO_LANE, BIAS, DRIFT)
-    read(fresh, LOCATION, x, r[LOCATION], spread, BIAS, NOISE, DRIFT, NO_LANE)
-    accuse(fresh.m, BIAS, LOCATION, x, r[LOCATION])
-    accuse(fresh.m, BIAS_V, SPEED, v, r[SPEED])
+    single, onset, fault_size = found.single, found.onset, p.fault_size
+    reset_likelihood(single)
+    reset_likelihood(onset)
+    x, v = z[Z_POSITION], z[Z_SPEED]
+    update_scalar(single, Z_SPEED, v, r[Z_SPEED], fault_size, NOISE_V, NO_COLUMN, BIAS_V, DRIFT_V)
+    update_scalar(onset, Z_SPEED, v, r[Z_SPEED], fault_size, BIAS_V, NOISE_V, DRIFT_V, NO_COLUMN)
+    update_scalar(single, Z_POSITION, x, r[Z_POSITION], fault_size, NOISE, NO_COLUMN, BIAS, DRIFT)
+    update_scalar(onset, Z_POSITION, x, r[Z_POSITION], fault_size, BIAS, NOISE, DRIFT, NO_COLUMN)
+    set_offset(onset.m, BIAS, Z_POSITION, x, r[Z_POSITION])
+    set_offset(onset.m, BIAS_V, Z_SPEED, v, r[Z_SPEED])
 
 
 @njit(cache=True)
-def read_pairs(found: Any, z: Any, r: Any, p: Hypotheses) -> None:
+def update_double_faults(found: Any, z: Any, r: Any, p: ModeParams) -> None:
     """Let the hypotheses of two lies take the reading."""
-    two = found.two
-    unread(two)
-    read(two, SPEED, z[SPEED], r[SPEED], p.spread, LOCATION_PAIR, BOTH_PAIR, SPEED_PAIR, NO_LANE)
-    read(two, LOCATION, z[LOCATION], r[LOCATION], p.spread, SPEED_PAIR, BOTH_PAIR, LOCATION_PAIR, NO_LANE)
-    for j in range(PAIRS):
-        found.prior[SINGLE + j] *= likelihood(two, j)
+    double = found.double
+    reset_likelihood(double)
+    update_scalar(
+        double,
+        Z_SPEED,
+        z[Z_SPEED],
+        r[Z_SPEED],
+        p.fault_size,
+        POSITION_OFFSET_COLUMN,
+        BOTH_NOISE_COLUMN,
+        SPEED_OFFSET_COLUMN,
+        NO_COLUMN,
+    )
+    update_scalar(
+        double,
+        Z_POSITION,
+        z[Z_POSITION],
+        r[Z_POSITION],
+        p.fault_size,
+        SPEED_OFFSET_COLUMN,
+        BOTH_NOISE_COLUMN,
+        POSITION_OFFSET_COLUMN,
+        NO_COLUMN,
+    )
+    for j in range(DOUBLE_COLUMNS):
+        found.predicted_probability[SINGLE_FAULT_MODES + j] *= likelihood(double, j)
 
 
 @njit(cache=True)
-def join(found: Any) -> None:
-    """Fold what begins into what goes on, by its `share`."""
-    one, fresh, share = found.one.m, found.fresh.m, found.share
-    for j in range(LANES):
-        fold(one, j, fresh, j, share[j])
+def moment_match_onsets(found: Any) -> None:
+    """Fold what begins into what goes on, by its `onset_share`."""
+    single, onset, share = found.single.m, found.onset.m, found.onset_share
+    for j in range(SINGLE_COLUMNS):
+        moment_match(single, j, onset, j, share[j])
 
 
 @njit(cache=True)
-def end_lies(row: Any, over: float, count: int, z: Any, r: Any, found: Any) -> None:
+def branch_to_healthy(row: Any, over: float, count: int, z: Any, r: Any, found: Any) -> None:
     """Weigh for the first `count` hypotheses that each was true until now and is over; HEALTHY takes over."""
-    past, ended = found.past, found.ended
-    unread(past)
-    for sensor in (SPEED, LOCATION):
-        read(past, sensor, z[sensor], r[sensor], 0.0, NO_LANE, NO_LANE, NO_LANE, NO_LANE)
-    weight = found.prior[HEALTHY]
+    recovered, ended_probability = found.recovered, found.ended_probability
+    reset_likelihood(recovered)
+    for sensor in (Z_SPEED, Z_POSITION):
+        update_scalar(recovered, sensor, z[sensor], r[sensor], 0.0, NO_COLUMN, NO_COLUMN, NO_COLUMN, NO_COLUMN)
+    weight = found.predicted_probability[HEALTHY]
     for j in range(1, count):
-        ended[j] = row.w[j] * (over if j < SINGLE else over**2) * likelihood(past, j)
-        weight = merge(found.one.m, HEALTHY, weight, past.m, j, ended[j])
-    found.prior[HEALTHY] = weight
+        ended_probability[j] = (
+            row.mode_probability[j] * (over if j < SINGLE_FAULT_MODES else over**2) * likelihood(recovered, j)
+        )
+        weight = moment_match_weighted(found.single.m, HEALTHY, weight, recovered.m, j, ended_probability[j])
+    found.predicted_probability[HEALTHY] = weight
 
 
 @njit(cache=True)
-def judge(
-    row: Any, dt_s: float, z: Any, r: Any, q: float, walk: float, unforeseen: float, p: Hypotheses, found: Any
+def update(
+    row: Any,
+    dt_s: float,
+    z: Any,
+    r: Any,
+    q: float,
+    random_walk_density: float,
+    unexplained: float,
+    p: ModeParams,
+    found: Any,
 ) -> bool:
     """Take one reading: a row (HYPOTHESES) becomes what is thought after it; `found` (FINDING) says the rest.
 
@@ -331,91 +391,97 @@ def judge(
     unforeseen
         Share of the driver's manoeuvres that the car ahead does not announce.
     """
-    m, w, prior, nu, cov = found.one.m, row.w, found.prior, found.nu, found.S
+    m, mode_probability, predicted_probability, nu, cov = (
+        found.single.m,
+        row.mode_probability,
+        found.predicted_probability,
+        found.nu,
+        found.S,
+    )
     fault = min(0.1, p.faults_per_s * dt_s)
     over = 1.0 - exp(-dt_s / p.fault_s)
-    calm = w[HEALTHY] > CALM
-    take_out(row, found, calm)
-    prior[HEALTHY] = w[HEALTHY] * (1.0 - 2.0 * fault)
-    for j in range(1, SINGLE):
-        prior[j] = w[j] * (1.0 - over) * (1.0 - fault)
-    prior[SINGLE:] = 0.0
-    if not calm:
-        remember(found, COUNT)
+    doubles_pruned = mode_probability[HEALTHY] > PRUNE_DOUBLES_ABOVE
+    load(row, found, doubles_pruned)
+    predicted_probability[HEALTHY] = mode_probability[HEALTHY] * (1.0 - 2.0 * fault)
+    for j in range(1, SINGLE_FAULT_MODES):
+        predicted_probability[j] = mode_probability[j] * (1.0 - over) * (1.0 - fault)
+    predicted_probability[SINGLE_FAULT_MODES:] = 0.0
+    if not doubles_pruned:
+        save_prior(found, MODE_COUNT)
         mix(row, fault, over, p, found)
-        predict(found.past, dt_s, q, walk)
-        predict(found.two, dt_s, q, walk)
-        for pair in (LOCATION_PAIR, SPEED_PAIR):
-            found.two.m[BB, pair] += p.offset_walk**2
-    predict(found.one, dt_s, q, walk)
-    nu[LOCATION], nu[SPEED] = z[LOCATION] - m[X, HEALTHY], z[SPEED] - m[V, HEALTHY]
-    cov[0], cov[1], cov[2] = m[XX, HEALTHY] + r[LOCATION], m[XV, HEALTHY], m[VV, HEALTHY] + r[SPEED]
-    nis = cov[2] * nu[LOCATION] ** 2 - 2.0 * cov[1] * nu[LOCATION] * nu[SPEED] + cov[0] * nu[SPEED] ** 2
-    quiet = calm and nis < CALM_NIS * (cov[0] * cov[2] - cov[1] ** 2)
-    if calm and not quiet:
-        remember(found, SINGLE)
-    begin_lies(found, dt_s, q, unforeseen, p)
+        predict(found.recovered, dt_s, q, random_walk_density)
+        predict(found.double, dt_s, q, random_walk_density)
+        for pair in (POSITION_OFFSET_COLUMN, SPEED_OFFSET_COLUMN):
+            found.double.m[BB, pair] += p.offset_noise**2
+    predict(found.single, dt_s, q, random_walk_density)
+    nu[Z_POSITION], nu[Z_SPEED] = z[Z_POSITION] - m[PX, HEALTHY], z[Z_SPEED] - m[VX, HEALTHY]
+    cov[0], cov[1], cov[2] = m[XX, HEALTHY] + r[Z_POSITION], m[XV, HEALTHY], m[VV, HEALTHY] + r[Z_SPEED]
+    nis = cov[2] * nu[Z_POSITION] ** 2 - 2.0 * cov[1] * nu[Z_POSITION] * nu[Z_SPEED] + cov[0] * nu[Z_SPEED] ** 2
+    recovery_pruned = doubles_pruned and nis < PRUNE_RECOVERY_BELOW_NIS * (cov[0] * cov[2] - cov[1] ** 2)
+    if doubles_pruned and not recovery_pruned:
+        save_prior(found, SINGLE_FAULT_MODES)
+    branch_to_faults(found, dt_s, q, unexplained, p)
     for j in (BIAS, DRIFT, BIAS_V, DRIFT_V):
-        m[BB, j] += p.offset_walk**2
-    read_singles(found, z, r, p)
+        m[BB, j] += p.offset_noise**2
+    update_single_faults(found, z, r, p)
 
-    suspected = w[HEALTHY] * fault / 3.0
-    manoeuvre = unforeseen * p.manoeuvre
-    lively = prior[HEALTHY] * manoeuvre
-    prior[HEALTHY] *= 1.0 - manoeuvre
-    for j in range(SINGLE):
-        came = (lively if j == HEALTHY else suspected) * likelihood(found.fresh, j)
-        prior[j] = prior[j] * likelihood(found.one, j) + came + 1e-280
-        found.share[j] = came / prior[j]
-    join(found)
-    found.ended[:] = 0.0
-    if not quiet:
-        end_lies(row, over, SINGLE if calm else COUNT, z, r, found)
-    if not calm:
-        read_pairs(found, z, r, p)
-    if z[SPEED] < -5.0 * r[SPEED] ** 0.5:
+    onset_probability = mode_probability[HEALTHY] * fault / 3.0
+    manoeuvre = unexplained * p.manoeuvre
+    manoeuvring = predicted_probability[HEALTHY] * manoeuvre
+    predicted_probability[HEALTHY] *= 1.0 - manoeuvre
+    for j in range(SINGLE_FAULT_MODES):
+        arriving = (manoeuvring if j == HEALTHY else onset_probability) * likelihood(found.onset, j)
+        predicted_probability[j] = predicted_probability[j] * likelihood(found.single, j) + arriving + 1e-280
+        found.onset_share[j] = arriving / predicted_probability[j]
+    moment_match_onsets(found)
+    found.ended_probability[:] = 0.0
+    if not recovery_pruned:
+        branch_to_healthy(row, over, SINGLE_FAULT_MODES if doubles_pruned else MODE_COUNT, z, r, found)
+    if not doubles_pruned:
+        update_double_faults(found, z, r, p)
+    if z[Z_SPEED] < -5.0 * r[Z_SPEED] ** 0.5:
         # A speed is a magnitude: below zero beyond all noise, its sensor lies whatever the motion says.
-        prior[: NOISE + 1] *= IMPOSSIBLE
-    total = prior.sum()
-    for j in range(COUNT):
-        w[j] = max(prior[j] / total, WEIGHT_FLOOR)
-        found.ended[j] /= total
-    mended = mend(found.one)
-    if not calm:
-        mended |= mend(found.two)
-    put_back(row, found, calm)
-    return mended
+        predicted_probability[: NOISE + 1] *= NEGATIVE_SPEED_LIKELIHOOD
+    total = predicted_probability.sum()
+    for j in range(MODE_COUNT):
+        mode_probability[j] = max(predicted_probability[j] / total, MODE_PROBABILITY_FLOOR)
+        found.ended_probability[j] /= total
+    repaired = repair_covariance(found.single)
+    if not doubles_pruned:
+        repaired |= repair_covariance(found.double)
+    store(row, found, doubles_pruned)
+    return repaired
 
 
 @njit(cache=True)
-def give_in(row: Any, location: bool, speed: bool, mean: Any, z: Any, r: Any, p: Hypotheses) -> None:
+def reset_to_measurement(row: Any, location: bool, speed: bool, mean: Any, z: Any, r: Any, p: ModeParams) -> None:
     """Believe `location`, `speed` or both from their present reading on, and keep the rest of the estimate `mean`.
 
     A sensor whose neighbour is not believed yet stays suspected.
     """
-    w = row.w
-    wrong_x, wrong_v = suspicion(w)
+    mode_probability = row.mode_probability
+    position_fault, speed_fault = sensor_fault_probability(mode_probability)
     if location:
-        mean[X], mean[XX], mean[XV], mean[XA] = z[LOCATION], r[LOCATION], 0.0, 0.0
+        mean[PX], mean[XX], mean[XV], mean[XA] = z[Z_POSITION], r[Z_POSITION], 0.0, 0.0
     if speed:
-        mean[V], mean[VV], mean[XV], mean[VA] = z[SPEED], r[SPEED], 0.0, 0.0
-        mean[A], mean[XA], mean[AA] = 0.0, 0.0, p.a_std_mps2**2
-    for j in range(LANES):
-        row.one[:, j] = mean
-    for j in range(PAIRS):
-        row.two[:, j] = mean
-    w[:] = WEIGHT_FLOOR
-    if wrong_v > 0.5 and not speed:
-        w[NOISE + OTHER_SENSOR] = 1.0
-    elif wrong_x > 0.5 and not location:
-        w[NOISE] = 1.0
+        mean[VX], mean[VV], mean[XV], mean[VA] = z[Z_SPEED], r[Z_SPEED], 0.0, 0.0
+        mean[AX], mean[XA], mean[AA] = 0.0, 0.0, p.a_std_mps2**2
+    for j in range(SINGLE_COLUMNS):
+        row.single[:, j] = mean
+    for j in range(DOUBLE_COLUMNS):
+        row.double[:, j] = mean
+    mode_probability[:] = MODE_PROBABILITY_FLOOR
+    if speed_fault > 0.5 and not speed:
+        mode_probability[NOISE + OTHER_SENSOR] = 1.0
+    elif position_fault > 0.5 and not location:
+        mode_probability[NOISE] = 1.0
     else:
-        w[HEALTHY] = 1.0
+        mode_probability[HEALTHY] = 1.0
 
 
 @njit(cache=True)
-def suspicion(w: Any) -> tuple[float, float]:
+def sensor_fault_probability(mode_probability: Any) -> tuple[float, float]:
     """Return the probabilities that the location and that the speed lie."""
-    two = w[SINGLE:].sum()
-    own, other = w[BIAS:BIAS_V].sum(), w[BIAS_V:SINGLE].sum()
-    return own + two, other + two
+    double = mode_probability[SINGLE_FAULT_MODES:].sum()
+    own, other = mode_probability[BIAS:BIAS_V].sum(), mode_probability[BIAS_V:SINGLE_FAULT_MODES].sum()
+    return own + double, other + double
