@@ -72,8 +72,14 @@ def pairs(
 
 @app.command()
 def field(
-    sources: Annotated[list[str], typer.Argument(help="Recordings (CSV, BSM JSON lines), or folders of them.")],
+    sources: Annotated[
+        list[str], typer.Argument(help="Recordings (CSV, BSM JSON lines), folders of them, or sumo[:SCENARIO-DRIVER].")
+    ],
     severity: Annotated[str, typer.Option(help="Variances of the injected faults, apart by commas.")] = "1,0.5,0.1",
+    degrade: Annotated[bool, typer.Option("--degrade", help="Ordinary defects of receivers and channels too.")] = False,
+    attacks: Annotated[bool, typer.Option("--attacks", help="All attacks of F2MD and VeReMi-NextGen too.")] = False,
+    attack: Annotated[list[str] | None, typer.Option(help="One attack; may be repeated.")] = None,
+    minutes: Annotated[float, typer.Option(min=0.5, max=120, help="How long simulated traffic lasts.")] = 5.0,
     runs: Annotated[int, typer.Option(min=1, max=100, help="Realisations of faults and noise.")] = 3,
     seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")] = 0,
     budget: Annotated[float, typer.Option(help="False alarms per vehicle and hour.")] = 1.0,
@@ -81,12 +87,21 @@ def field(
     out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report and the JSON.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Judge recordings of real senders, clean and with injected faults, with the service's own engine."""
+    """Judge recordings of real senders and simulated traffic with the service's own engine."""
+    from headway_loadtest.evaluate.field.attacks import ATTACKS
     from headway_loadtest.evaluate.field.command import evaluate_field
     from headway_loadtest.evaluate.field.experiment import FieldProtocol
 
-    protocol = FieldProtocol(severities=_numbers("--severity", severity), runs=runs, seed=seed, budget_per_hour=budget)
-    raise typer.Exit(evaluate_field(sources, protocol, as_json=as_json, out=out, processes=jobs))
+    protocol = FieldProtocol(
+        severities=_numbers("--severity", severity),
+        runs=runs,
+        seed=seed,
+        budget_per_hour=budget,
+        degrade=degrade,
+        attacks=tuple(ATTACKS) if attacks else tuple(attack or ()),
+    )
+    code = evaluate_field(sources, protocol, minutes=minutes, as_json=as_json, out=out, processes=jobs)
+    raise typer.Exit(code)
 
 
 def _numbers(option: str, text: str) -> tuple[float, ...]:

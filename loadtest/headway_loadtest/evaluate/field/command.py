@@ -10,8 +10,10 @@ from typing import Any
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from headway_loadtest.evaluate.field import sumo
+from headway_loadtest.evaluate.field.attacks import ATTACKS
 from headway_loadtest.evaluate.field.experiment import FieldProtocol, run_field
-from headway_loadtest.evaluate.field.recordings import load
+from headway_loadtest.evaluate.field.recordings import Recording, load
 from headway_loadtest.evaluate.field.report import markdown, print_report
 from headway_loadtest.sources.drive import SourceError
 
@@ -28,15 +30,20 @@ def evaluate_field(
     sources: Sequence[str],
     protocol: FieldProtocol,
     *,
+    minutes: float = 5.0,
     as_json: bool = False,
     out: Path | None = None,
     processes: int | None = None,
 ) -> int:
-    """Run the protocol and print it; return the exit code: 0, or 2 for input that cannot be used."""
+    """Run the protocol and print it; return the exit code: 0, or 2 for input that cannot be used.
+
+    `minutes` is how long simulated traffic lasts.
+    """
     stderr = Console(stderr=True, soft_wrap=True, highlight=False)
     try:
         check(protocol, out)
-        result = _run(sources, protocol, processes or cpu_count() or 1, stderr)
+        recordings = _recordings(sources, protocol, minutes, stderr)
+        result = _run(recordings, protocol, processes or cpu_count() or 1, stderr)
     except (SourceError, OptionError) as error:
         stderr.print(f"headway evaluate field: {error}", markup=False)
         return BAD_INPUT
@@ -61,21 +68,34 @@ def check(protocol: FieldProtocol, out: Path | None) -> None:
         raise OptionError("--severity takes variances above 0, such as 1,0.5,0.1")
     if not protocol.budget_per_hour > 0.0:
         raise OptionError(f"--budget is false alarms per hour, above 0, not {protocol.budget_per_hour:g}")
+    unknown = [name for name in protocol.attacks if name not in ATTACKS]
+    if unknown:
+        raise OptionError(f"--attack takes words of {', '.join(ATTACKS)}, not {', '.join(unknown)}")
     if out is not None and out.exists() and not out.is_dir():
         raise OptionError(f"--out must be a folder, and {out} is a file")
 
 
-def _run(sources: Sequence[str], protocol: FieldProtocol, processes: int, stderr: Console) -> dict[str, Any]:
-    with stderr.status("reading"):
-        recordings = list(load(map(Path, sources), protocol.runs, protocol.seed))
+def _recordings(sources: Sequence[str], protocol: FieldProtocol, minutes: float, stderr: Console) -> list[Recording]:
+    made: list[Recording] = []
+    for source in sources:
+        with stderr.status(source):
+            if source.partition(":")[0] == sumo.PREFIX and not Path(source).exists():
+                made += sumo.recordings(source, minutes, protocol.seed)
+            else:
+                made += load(Path(source), protocol.runs, protocol.seed)
+    return made
+
+
+def _run(recordings: Sequence[Recording], protocol: FieldProtocol, processes: int, stderr: Console) -> dict[str, Any]:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=stderr, transient=True) as bar:
         task = bar.add_task("recordings", total=None)
-        rows = run_field(recordings, protocol, processes, lambda done, of: bar.update(task, completed=done, total=of))
+        measured = run_field(
+            recordings, protocol, processes, lambda done, of: bar.update(task, completed=done, total=of)
+        )
     return {
         "budget_per_hour": protocol.budget_per_hour,
         "runs": protocol.runs,
         "seed": protocol.seed,
-        "rows": rows,
-        "attacks": [],
+        **measured,
     }

@@ -5,8 +5,8 @@ Records of one `Recording` meet each other on the road; those of two never do.
 
 import gzip
 import json
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -71,17 +71,15 @@ class Recording:
         return np.split(self.messages[order], ends[:-1])
 
 
-def assemble(recording: Recording, tracks: Sequence[Records], vehicles: tuple[str, ...] | None = None) -> Recording:
+def assemble(recording: Recording, tracks: Sequence[Records]) -> Recording:
     """Return the recording with these messages instead, put into the order of reception."""
     messages = np.concatenate(tracks)
-    order = np.lexsort((messages["vehicle"], messages["t_us"], messages["received_us"]))
-    return Recording(
-        group=recording.group,
-        name=recording.name,
-        vehicles=vehicles or recording.vehicles,
-        messages=messages[order],
-        run=recording.run,
-    )
+    return replace(recording, messages=messages[by_reception(messages)])
+
+
+def by_reception(messages: Records) -> I64:
+    """Return the order of reception as indices; event time and vehicle decide between equal times."""
+    return np.lexsort((messages["vehicle"], messages["t_us"], messages["received_us"]))
 
 
 def course_deg(track: Records) -> F64:
@@ -114,25 +112,24 @@ def move(track: Records, ahead_m: F64 | float, right_m: F64 | float = 0.0) -> No
     )
 
 
-def load(paths: Iterable[Path], runs: int, seed: int) -> Iterator[Recording]:
-    """Yield the recordings among and below `paths`; a pair file gives one for each run, with noise of its own.
+def load(path: Path, runs: int, seed: int) -> Iterator[Recording]:
+    """Yield the recordings at or below `path`; a pair file gives one for each run, with noise of its own.
 
     Raises
     ------
     SourceError
         A file cannot be read, or there is none.
     """
-    for path in paths:
-        files = sorted(file for file in path.rglob("*") if _is_recording(file)) if path.is_dir() else [path]
-        if not files or not files[0].is_file():
-            raise SourceError(f"{path}: no recording (.csv, .jsonl) there")
-        for file in files:
-            if file.name.endswith(JSON_ENDINGS):
-                yield read_bsm_lines(file)
-            elif _is_pair(file):
-                yield from (read_pair(file, seed, run) for run in range(runs))
-            else:
-                yield read_gnss(file)
+    files = sorted(file for file in path.rglob("*") if _is_recording(file)) if path.is_dir() else [path]
+    if not files or not files[0].is_file():
+        raise SourceError(f"{path}: no recording (.csv, .jsonl) there")
+    for file in files:
+        if file.name.endswith(JSON_ENDINGS):
+            yield read_bsm_lines(file)
+        elif _is_pair(file):
+            yield from (read_pair(file, seed, run) for run in range(runs))
+        else:
+            yield read_gnss(file)
 
 
 def _is_recording(path: Path) -> bool:

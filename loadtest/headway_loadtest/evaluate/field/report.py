@@ -32,6 +32,10 @@ def sheets(result: Mapping[str, Any]) -> Iterator[Sheet]:
         yield _false_alarms(_sets(rows))
         yield _causes(_sets(rows))
         yield _recall(rows)
+    if result["degradations"]:
+        yield _degradations(result["degradations"])
+    if result["attacks"]:
+        yield _attacks(result["attacks"])
 
 
 def print_report(result: Mapping[str, Any], console: Console) -> None:
@@ -81,7 +85,7 @@ def _false_alarms(rows: Sequence[Mapping[str, Any]]) -> Sheet:
                 number(row["moving"]["false_alarms_per_hour"]),
                 number(row["link_false_alarms_per_pair_hour"]),
                 str(row["alarms_at_recording_gaps"]),
-                ", ".join(f"{kind} {count}" for kind, count in row["false_alarms_by_kind"].items()),
+                _counts(row["false_alarms_by_kind"]),
             )
             for row in rows
         ],
@@ -118,6 +122,55 @@ def _recall(rows: Sequence[Mapping[str, Any]]) -> Sheet:
             for row in rows
         ],
     )
+
+
+def _degradations(rows: Sequence[Mapping[str, Any]]) -> Sheet:
+    return Sheet(
+        "Alarms of honest senders with ordinary defects; position jumps are faults to find",
+        ("set", "degradation", "vehicle h", "alarms", "per h", "moments/h", "jumps found", "by kind"),
+        [
+            (
+                row["set"],
+                row["degradation"],
+                number(row["vehicle_hours"]),
+                str(row["alarms"]),
+                number(row["alarms_per_hour"]),
+                number(row["moments_per_hour"]),
+                number(row["jump_recall"], 3),
+                _counts(row["alarms_by_kind"]),
+            )
+            for row in rows
+        ],
+    )
+
+
+def _attacks(rows: Sequence[Mapping[str, Any]]) -> Sheet:
+    return Sheet(
+        "Attackers: a message is found while an open event names its sender (CaTCH: published, VeReMi-NextGen)",
+        (
+            *("set", "attack", "onset", "message recall", "CaTCH", "false positives", "CaTCH", "attackers named"),
+            *("suspect right", "honest cars named"),
+        ),
+        [
+            (
+                row["set"],
+                row["attack"],
+                row["onset"],
+                number(row["message_recall"], 3),
+                number(row["catch_message_recall"]),
+                number(row["false_positive_rate"], 4),
+                number(row["catch_false_positive_rate"], 3),
+                number(row["event_recall"]),
+                number(row["suspect_correct"]),
+                f"{row['honest_cars_named']} of {row['honest_cars']}",
+            )
+            for row in rows
+        ],
+    )
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{word} {count}" for word, count in counts.items())
 
 
 def _pipes(sheet: Sheet) -> str:

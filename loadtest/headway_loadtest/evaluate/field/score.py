@@ -8,15 +8,14 @@ itself has a gap within `causes.GAP_WITHIN_S` of its onset.
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Self
 
 import numpy as np
 
-from headway_loadtest.evaluate.field.causes import Facts, facts_of
+from headway_loadtest.evaluate.field.causes import Facts
 from headway_loadtest.evaluate.field.detection import Alarm, Detection, Statement
 from headway_loadtest.evaluate.field.faults import Fault
-from headway_loadtest.evaluate.field.recordings import Recording
 
 GRACE_S = 1.0
 """An alarm up to this long after a fault is due to it."""
@@ -72,11 +71,14 @@ class FaultScore(Sums):
     kind_right: int = 0
     confusion: Counter[tuple[str, str]] = field(default_factory=Counter)
     delays_s: list[float] = field(default_factory=list)
+    false_between: int = 0
+    """Alarms that overlap no fault of a vehicle that takes part in them."""
+    hours: float = 0.0
+    """Vehicle-hours that these come from."""
 
 
-def clean_score(recording: Recording, detection: Detection) -> CleanScore:
-    """Count the alarms of a clean recording."""
-    facts = facts_of(recording)
+def clean_score(facts: Mapping[str, Facts], detection: Detection) -> CleanScore:
+    """Count the alarms of a recording without faults, by what `facts` say of its vehicles."""
     made = CleanScore(pair_hours=detection.pair_hours, cars=len(facts))
     for one in facts.values():
         made.vehicle_hours += float(one.interval_h.sum())
@@ -119,6 +121,24 @@ def fault_scores(
         if facts[fault.vehicle].is_moving(fault.start_us):
             moving += one
     return everywhere, moving
+
+
+def beside(faults: Sequence[Fault], detection: Detection) -> Detection:
+    """Return the detection with those alarms only that overlap no fault, `GRACE_S` included, of a vehicle in them."""
+    windows: dict[str, list[tuple[int, int]]] = {}
+    for fault in faults:
+        windows.setdefault(fault.vehicle, []).append((fault.start_us, fault.stop_us + round(GRACE_S * 1e6)))
+
+    def is_beside(alarm: Alarm) -> bool:
+        until_us = alarm.alarmed_until_us(detection.end_us)
+        parties = {alarm.follower, alarm.leader or alarm.follower, *alarm.suspects}
+        return not any(
+            alarm.start_us <= stop_us and start_us <= until_us
+            for vehicle in parties
+            for start_us, stop_us in windows.get(vehicle, ())
+        )
+
+    return replace(detection, alarms=tuple(alarm for alarm in detection.alarms if is_beside(alarm)))
 
 
 def _by_suspect(detection: Detection) -> dict[str, list[Alarm]]:
@@ -205,6 +225,7 @@ def fault_row(score: FaultScore) -> dict[str, Any]:
         "sensor_correct": ratio(score.sensor_right, found),
         "kind_correct": ratio(score.kind_right, found),
         "confusion": nested(score.confusion),
+        "false_alarms_per_hour_between_faults": ratio(score.false_between, score.hours),
         "time_to_detect_s": float(np.median(score.delays_s)) if score.delays_s else None,
     }
 

@@ -42,9 +42,22 @@ def test_rows_have_the_promised_keys_and_the_report_is_written(recording, tmp_pa
     assert (row["set"], row["severity"], row["false_alarms"]) == ("made", 1.0, 0)
     assert row["vehicle_hours"] == pytest.approx(119.9 / 3600.0)
     assert row["recall"] > 0.8
-    assert result["attacks"] == []
+    assert result["degradations"] == result["attacks"] == []
     assert "| made | 1 |" in (tmp_path / "out" / "report.md").read_text()
     assert json.loads((tmp_path / "out" / "result.json").read_text()) == result
+
+
+def test_degradations_and_attacks_have_the_promised_keys(recording, capsys):
+    protocol = FieldProtocol(severities=(1.0,), runs=1, degrade=True, attacks=("zero-speed",))
+    assert evaluate_field([str(recording)], protocol, as_json=True, processes=1) == 0
+    result = json.loads(capsys.readouterr().out)
+    by_name = {row["degradation"]: row for row in result["degradations"]}
+    assert by_name["jump-along"]["jump_recall"] > 0.5
+    assert by_name["walk-1m"]["jump_recall"] is None
+    assert [row["onset"] for row in result["attacks"]] == ["birth", "mid"]
+    promised = {"attack", "onset", "message_recall", "event_recall", "false_positive_rate", "suspect_correct"}
+    assert all(row.keys() >= promised for row in result["attacks"])
+    assert result["attacks"][1]["message_recall"] > 0.5
 
 
 @pytest.mark.parametrize(
@@ -52,6 +65,8 @@ def test_rows_have_the_promised_keys_and_the_report_is_written(recording, tmp_pa
     [
         (["nowhere"], FieldProtocol(), "nowhere: no recording"),
         (["nowhere"], FieldProtocol(severities=()), "--severity takes variances"),
+        (["sumo:rural"], FieldProtocol(), "sumo:rural: no such traffic"),
+        (["nowhere"], FieldProtocol(attacks=("zero",)), "--attack takes words of"),
         (["nowhere"], FieldProtocol(budget_per_hour=0.0), "--budget is false alarms"),
     ],
 )

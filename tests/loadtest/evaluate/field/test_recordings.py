@@ -16,15 +16,15 @@ GNSS = """t_s,id,lat,lon,speed_mps,heading_deg,msg_cnt,accuracy_m,length_m,accel
 """
 
 
-def only(paths, runs=1):
-    (recording,) = load(paths, runs, 0)
+def only(path):
+    (recording,) = load(path, 1, 0)
     return recording
 
 
 def test_a_gnss_table_gives_messages_in_order_and_leaves_out_rows_without_a_position(tmp_path):
     (tmp_path / "town").mkdir()
     (tmp_path / "town" / "one.csv").write_text(GNSS)
-    recording = only([tmp_path])
+    recording = only(tmp_path)
     assert (recording.group, recording.name, recording.run) == ("town", "one", None)
     messages = recording.messages
     names = [recording.vehicles[which] for which in messages["vehicle"]]
@@ -40,7 +40,7 @@ def test_bsm_lines_keep_their_receive_time(tmp_path):
     bsm = {"v": 1, "id": "x", "msg_cnt": 3, "t_us": T0_US, "lat": 1.0, "lon": 2.0, "speed_mps": 3.0}
     lines = [bsm | {"received_us": T0_US + 7}, bsm | {"t_us": T0_US + 100_000, "heading_deg": None, "length_m": 5.0}]
     (tmp_path / "r.jsonl").write_text("\n".join(map(json.dumps, lines)))
-    messages = only([tmp_path / "r.jsonl"]).messages
+    messages = only(tmp_path / "r.jsonl").messages
     assert messages["received_us"].tolist() == [T0_US + 7, T0_US + 100_000 + DELAY_US]
     assert messages["length_m"][1] == 5.0
     assert np.isnan(messages["heading_deg"]).all()
@@ -50,7 +50,7 @@ def test_a_pair_file_gives_two_cars_for_each_run_with_noise_of_their_own(tmp_pat
     rows = [f"{k / 10},{20 + k},{k},10.0,10.0,4.5" for k in range(400)]
     header = "t_s,leader_x_m,follower_x_m,leader_v_mps,follower_v_mps,leader_length_m"
     (tmp_path / "p.csv").write_text("\n".join([header, *rows]))
-    one, other = load([tmp_path], 2, 0)
+    one, other = load(tmp_path, 2, 0)
     assert (one.run, other.run, len(one.vehicles)) == (0, 1, 2)
     speeds = np.concatenate([one.messages["speed_mps"] - 10.0, other.messages["speed_mps"] - 10.0])
     assert speeds.std() == pytest.approx(0.01, rel=0.1)
@@ -64,7 +64,7 @@ def test_the_course_fills_in_for_a_heading_that_is_absent(tmp_path):
     (tmp_path / "r.csv").write_text(
         "t_s,id,lat,lon,speed_mps\n" + "".join(f"{k},a,45,{9 + k * 1e-4},8\n" for k in range(9))
     )
-    assert course_deg(only([tmp_path / "r.csv"]).tracks[0]) == pytest.approx(90.0, abs=0.01)
+    assert course_deg(only(tmp_path / "r.csv").tracks[0]) == pytest.approx(90.0, abs=0.01)
 
 
 @pytest.mark.parametrize(
@@ -79,9 +79,9 @@ def test_the_course_fills_in_for_a_heading_that_is_absent(tmp_path):
 def test_a_file_that_cannot_be_read_is_named(tmp_path, name, text, said):
     (tmp_path / name).write_text(text)
     with pytest.raises(SourceError, match=said):
-        list(load([tmp_path / name], 1, 0))
+        list(load(tmp_path / name, 1, 0))
 
 
 def test_an_empty_folder_is_named(tmp_path):
     with pytest.raises(SourceError, match="no recording"):
-        list(load([tmp_path], 1, 0))
+        list(load(tmp_path, 1, 0))

@@ -61,7 +61,7 @@ def test_recall_by_chance_is_what_the_clean_alarms_would_have_found():
 def test_false_alarms_leave_out_recorded_gaps_and_count_by_kind_cause_and_moment():
     recording = driving(gap_after_s=30.0, vehicles=("a", "b"))
     made = score.clean_score(
-        recording,
+        facts_of(recording),
         detection(
             alarm(10.0, 12.0),
             alarm(14.0, 16.0, kind="drift", suspect="b"),
