@@ -1,4 +1,4 @@
-"""A verdict computed again from its evidence, through the same kernels as the first time."""
+"""The second door of the core: a verdict computed again from its evidence, through the same kernels."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -16,22 +16,22 @@ from headway.core.types.step_result import Evidence
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What was said of each reading of the evidence, oldest first; the last one is the reading of the statement."""
+    """The verdicts of each reading of the evidence, oldest first; the last one belongs to the event update."""
 
     by_filter: Records
     """(n,) of VERDICT."""
     by_pair_tests: Records
-    """(n,) of VERDICT: the tests between two cars. Who of the two is to blame, and how surely, is not in the evidence,
-    for the rows of their neighbours have a say in it: `confidence` says nothing."""
+    """(n,) of VERDICT, by the pair tests. The suspect depends on the rows of the neighbours, which are not part of the
+    evidence; so `confidence` has no meaning."""
 
 
 def bank_row(checkpoint: bytes, config: DetectorConfig) -> Records:
-    """Return the row of the bank that was written down as `checkpoint`.
+    """Return the bank row that is stored as `checkpoint`.
 
     Raises
     ------
     ValueError
-        The bytes are not a row of this model, as this version of the core keeps it.
+        The bytes are not a row of this model in this version of the core.
     """
     dtype = build_detectors(config).dtype
     if len(checkpoint) != dtype.itemsize:
@@ -41,10 +41,10 @@ def bank_row(checkpoint: bytes, config: DetectorConfig) -> Records:
 
 
 def replay(evidence: Evidence, config: DetectorConfig) -> Replay:
-    """Judge every reading of the evidence again, beginning at its checkpoint."""
+    """Compute the verdicts of all readings of the evidence, from its checkpoint on."""
     detectors = build_detectors(config)
     model, readings = detectors.model, evidence.readings
-    # Two rows, though one is used: the kernels have been compiled for banks, whose columns are apart in memory.
+    # Two rows, although one is used: the kernels are compiled for banks, whose columns are strided in memory.
     bank = np.zeros(2, detectors.dtype)
     bank[0] = evidence.checkpoint
     row = np.zeros(1, np.int64)
@@ -64,6 +64,6 @@ def replay(evidence: Evidence, config: DetectorConfig) -> Replay:
 
 @njit(cache=True)
 def _step_pair_tests(pair_tests: Any, leaders: Any, readings: Any, p: Any, verdicts: Any) -> None:
-    """Take the readings one after the other through row 0 of `pair_tests`."""
+    """Step row 0 of `pair_tests` through the readings."""
     for i in range(readings.size):
         step_pair(pair_tests[0], leaders[i], readings[i], p, verdicts[i])

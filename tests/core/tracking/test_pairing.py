@@ -5,7 +5,6 @@ import pytest
 from core.roads import START_US, STEP_S, STRAIGHT, Car, Motion, Noise, Reading, Record, Road, Spoil, World, drive
 
 from headway.core.tracking.pairing import NO_LEADER
-from headway.core.tracking.spatial_index import NEAREST, find_near
 from headway.core.tracking.tracks import DEFAULT_LENGTH_M, evict
 
 BEND = Road(((150.0, 0.0), (60.0 * math.pi / 2, 1 / 60.0), (1e5, 0.0)))
@@ -331,54 +330,40 @@ def test_two_cars_that_name_each_other_are_two_pairs() -> None:
     assert record.gap_m[-1] == pytest.approx(half_m - DEFAULT_LENGTH_M, abs=0.2)
 
 
-def test_rows_are_looked_at_twice_a_second_and_not_all_at_once() -> None:
+def test_each_vehicle_searches_twice_a_second_and_not_all_at_once() -> None:
     world = World(capacity=200)
     rows = np.arange(200)
     lat = 48.0 + rows * 1e-3
-    looks = np.zeros((40, 200), np.bool_)
+    searches = np.zeros((40, 200), np.bool_)
     for k in range(40):
         t_us = START_US + round(k * STEP_S * 1e6)
         world.advance(rows, t_us, lat, np.full(200, 11.0), np.zeros(200), np.zeros(200))
         world.find_leaders(rows, t_us)
-        looks[k] = world.pairing["search_us"] == t_us
-    assert looks.sum(axis=0).min() >= 6
-    assert looks.sum(axis=0).max() <= 9
-    assert looks.sum(axis=1).max() < 120
+        searches[k] = world.pairing["search_us"] == t_us
+    assert searches.sum(axis=0).min() >= 6
+    assert searches.sum(axis=0).max() <= 9
+    assert searches.sum(axis=1).max() < 120
 
 
-def test_ten_thousand_vehicles_at_one_spot_are_a_bounded_crowd() -> None:
-    """Whoever looks gets so many candidates at most, the nearest first, and nobody leads himself."""
-    n = 10_000
-    world = World(capacity=n)
-    rows = np.arange(n)
-    rng = np.random.default_rng(1)
-    for k in range(12):
+def test_another_row_for_each_vehicle_changes_nothing() -> None:
+    """A platoon, a cut-in and noise, on the first rows of a table and scattered over another."""
+    cars = [Car(BEND, at(-25.0 * n, 12.0 - 0.1 * n), shift(8.0, 10.0, LANE_M * (n == 2), 0.0)) for n in range(5)]
+    scattered = [11, 3, 14, 7, 2]
+    plain, moved = World(), World()
+    noise = Noise(5)
+    for k in range(300):
         t_us = START_US + round(k * STEP_S * 1e6)
-        lat, lon = 48.0 + rng.normal(0.0, 1e-5, n), 11.0 + rng.normal(0.0, 1e-5, n)
-        world.advance(rows, t_us, lat, lon, rng.uniform(0.0, 40.0, n), rng.uniform(0.0, 360.0, n))
-        world.extend_path_history(rows, np.ones(n, np.bool_), np.zeros(n))
-        world.find_leaders(rows, t_us)
-    nearby, apart_squared = np.empty(NEAREST, np.int64), np.empty(NEAREST)
-    for row in range(0, n, 1000):
-        count = find_near(world.grid, world.tracks[row], row, world.range_m, nearby, apart_squared)
-        assert 0 < count <= NEAREST
-        assert row not in nearby[:count]
-        assert len(set(nearby[:count])) == count
-        assert (np.diff(apart_squared[:count]) >= 0.0).all()
-    assert all(leader != row for row, leader in enumerate(world.leaders()))
-
-
-def test_between_two_builds_of_the_index_vehicles_are_carried_on() -> None:
-    """At 45 m/s the one 8 m ahead was behind here a fifth of a second ago."""
-    world = World(capacity=2)
-    cars = [Car(STRAIGHT, at(0.0, 45.0)), Car(STRAIGHT, at(8.0, 45.0))]
-    drive(world, cars, STEP_S)
-    built_us = int(world.grid.built_us[0])
-    drive(world, cars, 2 * STEP_S, start_s=STEP_S)
-    assert world.grid.built_us[0] == built_us
-    nearby, apart_squared = np.empty(NEAREST, np.int64), np.empty(NEAREST)
-    assert find_near(world.grid, world.tracks[0], 0, 150.0, nearby, apart_squared) == 1
-    assert nearby[0] == 1
+        readings = [noise(n, k * STEP_S, car.reading(k * STEP_S)) for n, car in enumerate(cars)]
+        columns = [np.array(column) for column in zip(*readings, strict=True)]
+        for world, rows in ((plain, np.arange(5)), (moved, np.array(scattered))):
+            world.advance(rows, t_us, *columns, msg_cnt=k)
+            world.extend_path_history(rows, np.ones(5, np.bool_), columns[2])
+            world.find_leaders(rows, t_us)
+        leaders = [moved.leaders()[row] for row in scattered]
+        assert [scattered.index(row) if row != NO_LEADER else NO_LEADER for row in leaders] == plain.leaders()[:5]
+        for name in ("search_us", "offset_m", "confirmations", "coasts"):
+            assert moved.pairing[name][scattered].tolist() == plain.pairing[name][:5].tolist()
+    assert plain.leaders()[:5] == [NO_LEADER, 0, 1, 2, 3]
 
 
 @pytest.mark.parametrize(("accuracy_m", "leader"), [(math.nan, NO_LEADER), (0.1, NO_LEADER), (1.0, 1), (10.0, 1)])
@@ -400,36 +385,3 @@ def test_the_corridor_is_wider_for_whoever_declares_an_accuracy_but_never_by_a_l
         world.extend_path_history(rows, np.ones(3, np.bool_), np.full(3, 15.0))
         world.find_leaders(rows, t_us)
     assert world.leaders()[0] == leader
-
-
-def test_a_dense_jam_still_finds_the_one_ahead() -> None:
-    """Six lanes bumper to bumper, 40 cars each: more candidates within range than a search returns."""
-    n = 240
-    world = World(capacity=n)
-    rows = np.arange(n)
-    lane, place = rows // 40, rows % 40
-    for k in range(30):
-        north = place * 7.5 + k * 0.2
-        lat = 48.0 + north / 111_200.0
-        lon = 11.0 + lane * LANE_M / 74_600.0
-        t_us = START_US + round(k * STEP_S * 1e6)
-        world.advance(rows, t_us, lat, lon, np.full(n, 2.0), np.zeros(n))
-        world.extend_path_history(rows, np.ones(n, np.bool_), np.full(n, 2.0))
-        world.find_leaders(rows, t_us)
-    assert world.leaders() == [row + 1 if row % 40 < 39 else NO_LEADER for row in range(n)]
-
-
-@pytest.mark.parametrize("origin_lon", [179.9999, 179.99999, 179.9985])
-def test_across_the_antimeridian(origin_lon: float) -> None:
-    world = World(capacity=2)
-    rows = np.arange(2)
-    for k in range(60):
-        lon = origin_lon + (np.array([0.0, 30.0]) + k * 0.5) / 111_319.0
-        lon = (lon + 180.0) % 360.0 - 180.0
-        t_us = START_US + round(k * STEP_S * 1e6)
-        world.advance(rows, t_us, np.zeros(2), lon, np.full(2, 5.0), np.full(2, 90.0))
-        world.extend_path_history(rows, np.ones(2, np.bool_), np.full(2, 5.0))
-        world.find_leaders(rows, t_us)
-        if k >= 20:
-            assert world.leaders() == [1, NO_LEADER]
-            assert world.gap_m(0) == pytest.approx(30.0 - DEFAULT_LENGTH_M, abs=0.01)

@@ -35,5 +35,5 @@ def test_a_freed_row_is_used_again_under_another_serial() -> None:
 
 
 def test_a_free_row_cannot_be_freed() -> None:
-    with pytest.raises(ValueError, match="free already"):
+    with pytest.raises(ValueError, match="not in use"):
         VehicleTable(1).evict(0)

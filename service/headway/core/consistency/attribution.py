@@ -1,18 +1,18 @@
-"""Who lies, the leader or the follower? A pair alone half knows; its neighbours decide.
+"""Attribute an inconsistency of a pair to its follower or its leader, with the help of the neighbouring pairs.
 
-A liar spoils two pairs: the one in which it follows and the one in which it leads. An honest car in dispute with a liar
-is on good terms with its other neighbour: the car behind answers what it does, and it answers the car ahead. Each pair
-has a doubt, the log odds of late that one of its two cars does not tell the truth, and adds to it what every reading
-is worth:
+A faulty vehicle is inconsistent with both of its neighbours: with the vehicle it follows and with the vehicle behind. A
+healthy vehicle is inconsistent with the faulty neighbour only. Each pair keeps the log odds L that one of its two
+vehicles is faulty, and adds the log-likelihood ratio (LLR) of each reading:
 
     L <- max(L exp(-dt / FADE_S) + weight LLR, LOG_ODDS_MIN)      LLR = ln p(reading | fault) - ln p(reading | healthy)
 
-A pair in dispute asks the pair behind its follower and the pair ahead, in which its leader follows:
+For an inconsistent pair, the pair behind its follower and the pair ahead of its leader give
 
-    log odds (follower : leader) = own_unusual + doubt behind - (doubt ahead, or due_unusual where nobody is ahead)
+    log odds (follower : leader) = follower_surprise + L behind - (L ahead, or leader_surprise without a vehicle ahead)
 
-The last two are what a pair tells by itself: by how much the follower's reported motion, and the leader's as seen in
-what it should have caused, went beyond that driver's usual one. A neighbour who is not there says nothing.
+A motion surprise is the evidence of the pair itself: how far the reported motion of the follower exceeds the usual
+motion of its driver, and how far the motion of the leader does, as seen in the response that it should cause. A pair
+that does not exist contributes nothing.
 """
 
 from math import exp
@@ -22,27 +22,27 @@ import numpy as np
 from numba import njit
 
 FADE_S = 5.0
-"""Time constant of a doubt: a driver's answer takes a second or two, its test another two."""
+"""Time constant of the log odds: a response takes one to two seconds, and its test another two."""
 LOG_ODDS_MIN = -2.0
-"""The doubt goes no lower: that a pair has been in order says little of what follows."""
+"""Lower bound of the log odds: a consistent past says little about the present."""
 LOG_LIKELIHOOD_RATIO_MAX = 6.0
-"""No single reading is worth more."""
+"""Bound of the log-likelihood ratio of one reading."""
 SURPRISE_MAX = 12.0
-"""Nor is what a pair tells by itself."""
+"""Bound of the motion surprise of a pair."""
 
 FAULT_LOG_ODDS = np.dtype([("log_odds", "f8"), ("t_s", "f8")], align=True)
-"""All zeros is a pair that was never judged."""
+"""Log odds of a fault in a pair; all zeros is a pair without a reading."""
 
 
 @njit(cache=True)
 def decayed(log_odds: float, updated_s: float, t_s: float) -> float:
-    """Return what is left at `t_s` of a statement made at `updated_s`."""
+    """Return at `t_s` the log odds that were updated at `updated_s`."""
     return log_odds * exp(-max(t_s - updated_s, 0.0) / FADE_S)
 
 
 @njit(cache=True)
 def accumulate(pair_fault: Any, log_likelihood_ratio: float, weight: float, t_s: float) -> None:
-    """Add what a reading is worth to a FAULT_LOG_ODDS row; `weight` is below 1 where readings overlap."""
+    """Add the log-likelihood ratio of a reading to FAULT_LOG_ODDS; `weight` is below 1 where readings overlap."""
     previous = decayed(pair_fault.log_odds, pair_fault.t_s, t_s)
     pair_fault.log_odds = max(
         previous + weight * min(max(log_likelihood_ratio, -LOG_LIKELIHOOD_RATIO_MAX), LOG_LIKELIHOOD_RATIO_MAX),
@@ -53,7 +53,7 @@ def accumulate(pair_fault: Any, log_likelihood_ratio: float, weight: float, t_s:
 
 @njit(cache=True)
 def is_recent(pair_fault: Any, t_s: float) -> bool:
-    """Whether the pair was judged within FADE_S."""
+    """Whether the pair had a reading within FADE_S."""
     return bool(t_s - pair_fault.t_s <= FADE_S)
 
 

@@ -1,14 +1,14 @@
-"""Location and speed of two cars against what the follower's forward sensor measures between them.
+"""Compare the location and speed of two vehicles with what the follower's forward sensor measures between them.
 
     range      = (x_leader - length - x) + offset_m + noise
     range rate = (v_leader - v) + offset_mps + noise
 
-The offsets (where on each car its location refers to, where the sensor sits) are constants of the pair and are learnt;
-so are the spreads, which hold the slow wander of satellite positions as well. Both disagreements are averaged over
-`SMOOTH_S` (Roberts 1959, the exponentially weighted moving average chart), so that a slow lie adds up and one bad
-reading does not count; the root of the sum of their squares, each in its own standard deviations, is the statistic.
-Which of the two cars is wrong the disagreement cannot say; for the neighbours (suspect.py), a lie spreads it LIE times
-as wide as the truth.
+The offsets depend on the reference points of the two locations and on the mounting of the sensor. They are constants of
+the pair and are learnt, and so are the spreads, which include the slow error of satellite positions. Both disagreements
+are averaged over `SMOOTH_S` (Roberts 1959, exponentially weighted moving average chart), so a slow fault adds up and a
+single outlier does not count. The statistic is the root of the sum of their squares, each in standard deviations. The
+disagreement does not show which of the two vehicles is faulty. For the attribution, a fault makes its spread
+FAULT_SPREAD times as large.
 """
 
 from math import exp, isnan, log, sqrt
@@ -22,52 +22,53 @@ from headway.core.statistics import alarm_gate
 
 SMOOTH_S = 0.5
 SPREAD_FLOOR = (0.3, 0.1)
-"""Disagreements in m and m/s that are never unusual, however good both sensors have been."""
+"""Lower bounds of the spreads, m and m/s."""
 LEADER_ACCEL_MPS2 = 1.0
-"""What a leader's acceleration may have been since its last sample."""
+"""Bound of the leader's acceleration since its last sample."""
 OUTLIER = 3.0
-"""Standard deviations beyond which a disagreement teaches no more."""
+"""Standard deviations at which a disagreement is clipped before it is learnt."""
 FAULT_SPREAD = 3.0
-"""Standard deviations of the disagreement that a lie makes."""
+"""Standard deviations of the disagreement under a fault."""
 SETTLE_S = 2.0
+"""Learning time before the spreads clip and the statistic counts."""
 
 RANGING = np.dtype(
     [
-        ("learning_time_s", "f8"),  # learnt from so far; 0: a fresh pair
+        ("learning_time_s", "f8"),  # 0: a new pair
         ("t_s", "f8"),
         ("offset", "f8", (2,)),  # m, m/s
-        ("mean_disagreement", "f8", (2,)),  # disagreement averaged over SMOOTH_S; m, m/s
-        ("mean_square", "f8", (2,)),  # mean square of it
-        ("exceedance_time_s", "f8"),  # how long it has been beyond the gate
+        ("mean_disagreement", "f8", (2,)),  # over SMOOTH_S; m, m/s
+        ("mean_square", "f8", (2,)),  # of mean_disagreement
+        ("exceedance_time_s", "f8"),  # time above the gate
         ("tail", alarm_gate.TAIL),
         ("pair_fault", FAULT_LOG_ODDS),
     ],
     align=True,
 )
-"""One row; all zeros is a pair not seen yet."""
+"""State of one pair; all zeros is a pair without a range."""
 
 
 class RangingParams(NamedTuple):
-    """How a pair's forward sensor is learnt and judged."""
+    """Parameters of the range test."""
 
     budget: alarm_gate.Budget
     memory_s: float = 120.0
     warming_s: float = 10.0
     max_gap_s: float = 1.2
     relearn_after_s: float = 60.0
-    """Beyond the gate for so long, the pair begins anew: the sensor looks at another car, or sits elsewhere."""
+    """Time above the gate after which the pair is learnt again: the sensor sees another vehicle or was moved."""
 
 
 @njit(cache=True)
 def ranging_reset_leader(row: Any) -> None:
-    """Another leader: other offsets, so begin anew."""
+    """Reset for another leader, whose offsets differ."""
     row.learning_time_s = 0.0
     row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
 @njit(cache=True)
 def initialise(row: Any, t_s: float) -> None:
-    """Forget the pair, save how high its statistic goes."""
+    """Initialise a pair; the tail of its statistic stays."""
     row.learning_time_s, row.t_s, row.exceedance_time_s = 0.0, t_s, 0.0
     row.offset[:] = 0.0
     row.mean_disagreement[:] = 0.0
@@ -77,7 +78,7 @@ def initialise(row: Any, t_s: float) -> None:
 
 @njit(cache=True)
 def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
-    """Take one READING into one RANGING row and write the CHECK; without a leader or a range it says `warming`."""
+    """Update one RANGING row with one READING and write the CHECK; `warming` without a leader or a range."""
     check.statistic, check.p_value = 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s) or isnan(z.range_m):

@@ -1,4 +1,4 @@
-"""The tests between two cars, one row per vehicle as a follower: response, ranging, and who is to blame.
+"""The tests between two vehicles, one row for each vehicle as a follower: response, range, and attribution.
 
 `step_pair_tests` takes a round of readings after the motion model. Each READING then holds the recovered value where
 the model rejected a sensor, so a single bad reading does not reach these tests.
@@ -18,17 +18,17 @@ from headway.core.types.records import Kind, Records, Sensor
 
 PAIR_TESTS = np.dtype(
     [
-        ("leader", "i8"),  # row of the last leader, counted from 1; 0: never one
-        ("log_odds", "f8"),  # the statement about this pair that stands: above 0 the follower lies
+        ("leader", "i8"),  # row of the last leader, counted from 1; 0: none so far
+        ("log_odds", "f8"),  # of the attribution in force: above 0 the follower is faulty
         ("log_odds_updated_s", "f8"),
-        ("ranging_behind", FAULT_LOG_ODDS),  # what the last car that followed this one has to say
+        ("ranging_behind", FAULT_LOG_ODDS),  # of the pair of this vehicle's last follower
         ("response_behind", FAULT_LOG_ODDS),
         ("ranging", RANGING),
         ("response", RESPONSE),
     ],
     align=True,
 )
-"""One row per vehicle; all zeros is a vehicle not heard yet."""
+"""State of one vehicle; all zeros is a vehicle without a message."""
 
 PAIR_TEST_VERDICT = np.dtype(
     [
@@ -45,18 +45,18 @@ NONE, RESPONSE_KIND, RANGE_KIND = int(Kind.NONE), int(Kind.RESPONSE), int(Kind.R
 
 
 RANGING_SHARE = 0.1
-"""Of the budget: a lie stands far above any gate of the forward sensor, so that it can do with little."""
+"""Share of the budget for the range test; a fault exceeds any gate of the forward sensor by far."""
 
 
 class PairTestParams(NamedTuple):
-    """Numbers of both tests."""
+    """Parameters of both tests."""
 
     response: ResponseParams
     ranging: RangingParams
 
 
 def pair_test_params(budget_per_hour: float) -> PairTestParams:
-    """Return the parameters that keep false alarms of both tests together within `budget_per_hour` per pair."""
+    """Return parameters with which both tests together raise at most `budget_per_hour` false alarms per pair."""
     return PairTestParams(
         ResponseParams(check_budget((1.0 - RANGING_SHARE) * budget_per_hour)),
         RangingParams(check_budget(RANGING_SHARE * budget_per_hour)),
@@ -86,7 +86,7 @@ def step_pair(pair_test: Any, leader: int, z: Any, p: PairTestParams, verdict: A
 
 @njit(cache=True)
 def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: PairTestParams, verdicts: Any) -> None:
-    """Judge a wave: distinct `rows` (B,) with `leaders` (B,), -1 for none, `readings` and `verdicts` (B,).
+    """Test a round: distinct `rows` (B,) with `leaders` (B,), -1 for none, `readings` and `verdicts` (B,).
 
     `pair_tests` (C,) of PAIR_TESTS is changed in place.
     """
@@ -110,20 +110,20 @@ def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: 
 
 @njit(cache=True)
 def propagate(pair_fault: Any, behind: Any) -> None:
-    """Tell the leader what its follower has to say."""
+    """Copy the fault log odds of a pair to its leader's row."""
     behind.log_odds, behind.t_s = pair_fault.log_odds, pair_fault.t_s
 
 
 @njit(cache=True)
 def hold_attribution(pair_test: Any, log_odds: float, t_s: float) -> None:
-    """Take a statement about the pair, unless a stronger one was made just before."""
+    """Set the attribution of a pair, unless a stronger recent one is in force."""
     if abs(log_odds) >= abs(decayed(pair_test.log_odds, pair_test.log_odds_updated_s, t_s)):
         pair_test.log_odds, pair_test.log_odds_updated_s = log_odds, t_s
 
 
 @njit(cache=True)
 def substitute_rejected(readings: Any, verdicts: Any) -> Any:
-    """Return the `readings` (B,) with recovered values in the place of those that the filter's `verdicts` reject."""
+    """Return the `readings` (B,) with the recovered values of the sensors that the model's `verdicts` reject."""
     substituted = readings.copy()
     for i in range(readings.size):
         if verdicts[i].sensor & LOCATION:
@@ -134,7 +134,7 @@ def substitute_rejected(readings: Any, verdicts: Any) -> Any:
 
 
 def pair_verdicts(pair_tests: Records, verdicts: Records) -> Records:
-    """Return what the tests between two cars say, as VERDICT (B,); the estimate in it is the filter's."""
+    """Return the results of the pair tests as VERDICT (B,); the estimates are those of the motion model."""
     result = verdicts.copy()
     check = np.where(pair_tests["kind"] == Kind.RANGE, pair_tests["ranging"], pair_tests["response"])
     for name in ("statistic", "gate", "p_value"):

@@ -1,30 +1,29 @@
-"""Whether a follower answers the car ahead as its driver has done so far: a test that a consistent lie does not pass.
+"""Test whether a follower responds to its leader as its driver has so far; a self-consistent fault fails this test.
 
-Each driver's response is a linear model with distributed delays, learnt per row by forgetful ridge regression at
-`tick_s`:
+Each driver's response is a linear model with distributed delays. It is learnt for each row by ridge regression with
+exponential forgetting, at `tick_s`:
 
     dv/dt = theta' [1, gap, v, v_leader - v, ln gap | leader's acceleration over the last LAGS ticks] + noise
 
-the first group as it stood one tick ago. What the model leaves unexplained, own less due, is a speed change without a
-cause. Three sums of it, each in units of its own standard deviation, make one statistic, the largest:
+The first group is as of the previous tick. The residual, measured less predicted, is a speed change without a cause.
+Three sums of it, each in its own standard deviations, are computed, and the largest is the statistic:
 
     step    of the last 2 s, matched with half a sine
     dip     the step less the one of the 2 s before: a speed that leaves and comes back
-    drift   of the last DRIFT_S or so: a speed that is let alone while the leader's changes
+    drift   with time constant DRIFT_S: a speed that ignores the changes of the leader's speed
 
-Nobody answers to the point, so that the variance of a sum grows with the manoeuvre that was answered:
+A response is never exact, so the variance of a sum grows with the manoeuvre that was answered:
 
-    variance = learnt + (INEXACT answered)^2      answered = min(|own|, |due|) where both have one sign, else 0
+    variance = learnt + (ANSWER_SPREAD answered)^2    answered = min(|measured|, |predicted|) if of one sign, else 0
 
-The lie may be the follower's (its speed changes without a cause) or the leader's (a cause without an answer). For the
-question of whose it is (suspect.py), each step tells whether the follower answers what it is told, or moves in its
-natural way without regard to it:
+The fault may be the follower's (a speed change without a cause) or the leader's (a cause without a response). For the
+attribution, each step tells a response to the leader from a natural motion that is unrelated to it:
 
-    worth = ln N(own; 0, natural variance) - ln N(own; due, residual variance)
+    LLR = ln N(measured; 0, natural variance) - ln N(measured; predicted, residual variance)
 
-so that a hard brake that was answered clears the leader even where the answer was not quite the expected one. The pair
-itself knows only whose motion is unusual: a speed that changes by more than is natural, or stands still where it seldom
-does. Nothing is learnt from a tick beyond the gate, and little from one near it.
+So a hard brake with an inexact response still clears the leader. The pair itself only shows a motion surprise: a speed
+change beyond the natural one, or a constant speed where the driver seldom keeps one. A tick above the gate is not
+learnt, and one near it has less weight.
 """
 
 from math import exp, isnan, log, sqrt
@@ -42,93 +41,93 @@ COLUMNS = STATE_COLUMNS + LAGS
 SPAN = 5
 """Ticks of a pulse: 2 s, half of a braking manoeuvre."""
 PULSE = (0.4, 1.047, 1.294, 1.047, 0.4)
-"""Half a sine over SPAN, scaled so that a speed change of that shape is given back as it is."""
+"""Half a sine over SPAN, scaled so that the sum of a speed change of that shape is the speed change."""
 
 DRIFT_S = 8.0
 """Time constant of the drift."""
 ANSWER_SPREAD = 0.5
-"""Standard deviation of an answer, as a share of it."""
+"""Standard deviation of a response, as a share of it."""
 
 GAP_SCALE_M, SPEED_SCALE_MPS = 20.0, 10.0
-"""Bring the regressors to the order of one, so that one ridge serves all."""
+"""Scales that bring the regressors to the order of one, for a common ridge."""
 GAP_FLOOR_M = 0.5
 MEAN_DRIVER = (-0.1, 0.34, -0.16, 0.19, 0.01, 0.12, 0.0, 0.02, 0.15, 0.06, 0.24)
 """Prior of theta: the mean over drivers of four collections, each of the same weight (humans and adaptive cruise
 control). Leaving any collection out moves no entry by more than 0.22."""
 SUMS, DRIFT = 3, 2
 TYPICAL_MPS = (0.6, 0.6, 1.0)
-"""Priors of the spreads of step, dip and drift: of what a driver leaves unexplained."""
+"""Priors of the spreads of step, dip and drift of the residual."""
 TYPICAL_MOTION_MPS, TYPICAL_STILL = (1.0, 1.0, 2.0), 0.1
-"""And of how much a speed changes, and how much of the time it does not."""
+"""Priors of the spreads of the measured motion, and of the share of ticks without a speed change."""
 SPREAD_FLOOR_MPS = (0.2, 0.2, 0.6)
-"""An unexplained speed change of this size is never unusual, however steady the car has been."""
+"""Lower bounds of the spreads."""
 SURPRISE_SIGMA = 2.0
-"""Natural standard deviations that a speed change must leave behind to be as likely a lie: natural ones have tails."""
+"""Natural standard deviations at which a speed change is as likely a fault: natural motion has heavy tails."""
 STILL_MPS, STILL_SHARE_MIN, FROZEN_SHARE = 0.05, 0.01, 0.25
-"""A speed that changes by less in every tick stands still; no driver is taken to do so more rarely, and of the lies
-that are known one in four."""
+"""A speed is constant if it changes by less than STILL_MPS in each tick. STILL_SHARE_MIN bounds the share of constant
+speed of a driver from below; FROZEN_SHARE is that share among known faults."""
 OUTLIER = 3.0
-"""Standard deviations beyond which a tick teaches less."""
+"""Standard deviations at which the weight of a tick decreases, and squares are clipped."""
 SOLVE_EVERY = 5
 """Ticks between two solutions for theta, which changes over minutes."""
 WINDOW_TICKS = LAGS + 2 * SPAN
-"""Ticks without a break that fill the sums."""
+"""Consecutive ticks that fill the sums."""
 
 RESPONSE = np.dtype(
     [
-        ("learning_time_s", "f8"),  # learnt from so far; 0: a fresh row
+        ("learning_time_s", "f8"),  # 0: a new row
         ("t_s", "f8"),  # of the last tick
         ("v_mps", "f8"),
         ("leader_t_s", "f8"),
         ("leader_v_mps", "f8"),
-        ("ticks", "i8"),  # without a break, the last one included
+        ("ticks", "i8"),  # consecutive, the last one included
         ("regressors", "f8", (STATE_COLUMNS,)),  # first group of regressors at the last tick
         ("leader_a_mps2", "f8", (LAGS,)),  # newest first
         ("A", "f8", (COLUMNS * (COLUMNS + 1) // 2,)),
         ("b", "f8", (COLUMNS,)),
         ("theta", "f8", (COLUMNS,)),
         ("measured_mps", "f8", (2 * SPAN,)),  # speed changes tick by tick, newest first
-        ("predicted_mps", "f8", (2 * SPAN,)),  # those that the model expected
+        ("predicted_mps", "f8", (2 * SPAN,)),  # by the model
         ("measured_drift_mps", "f8"),
         ("predicted_drift_mps", "f8"),
-        ("residual_ms", "f8", (SUMS,)),  # mean square of step, dip and drift, less what manoeuvres explain
-        ("natural_ms", "f8", (SUMS,)),  # mean square of the same sums of own_mps: how much this car moves anyway
-        ("exceedance_time_s", "f8"),  # how much longer the statistic has been beyond the gate of late than below it
+        ("residual_ms", "f8", (SUMS,)),  # mean square of the residual sums, less answer_spread_ms
+        ("natural_ms", "f8", (SUMS,)),  # mean square of the same sums of measured_mps
+        ("exceedance_time_s", "f8"),  # recent time above the gate less time below
         ("tail", alarm_gate.TAIL),
         ("statistic", "f8"),
         ("gate", "f8"),
-        ("still_share", "f8", (2,)),  # how much of the time the speeds of follower and leader stand still
-        ("follower_surprise", "f8"),  # log odds against a natural motion of the follower
-        ("leader_surprise", "f8"),  # and of the leader, from the speed change that should have followed
+        ("still_share", "f8", (2,)),  # share of ticks of constant speed: follower, leader
+        ("follower_surprise", "f8"),  # log odds against natural motion
+        ("leader_surprise", "f8"),  # of the leader, by the predicted response
         ("pair_fault", FAULT_LOG_ODDS),
     ],
     align=True,
 )
-"""One row; all zeros is a driver not seen yet."""
+"""State of one driver; all zeros is a driver without a reading."""
 
 
 class ResponseParams(NamedTuple):
-    """How a driver's response is learnt and judged."""
+    """Parameters of the response test."""
 
     budget: alarm_gate.Budget
     tick_s: float = 0.4
     memory_s: float = 120.0
-    """Time constant of all that is learnt of a driver."""
+    """Time constant of forgetting."""
     warming_s: float = 45.0
-    """Learning before verdicts count: some hundred ticks for eleven coefficients and two spreads."""
+    """Learning time before verdicts count: about a hundred ticks for eleven coefficients and two spreads."""
     ridge_s: float = 10.0
-    """Worth of the prior of theta, in seconds of regressors of one."""
+    """Weight of the prior of theta, in seconds of regressors of one."""
     spread_s: float = 40.0
-    """Worth of the priors of the spreads, in seconds."""
+    """Weight of the priors of the spreads, in seconds."""
     relearn_after_s: float = 20.0
-    """Beyond the gate for so much longer than below it, it is how this driver drives now, and is learnt."""
+    """Exceedance time after which the current driving is learnt as this driver's own."""
     max_gap_s: float = 1.2
-    """A longer silence breaks the sums: they begin anew, what was learnt stays."""
+    """A longer gap resets the sums; what was learnt stays."""
 
 
 @njit(cache=True)
 def response_reset_leader(row: Any) -> None:
-    """Another leader: the sums begin anew, what was learnt of the driver stays."""
+    """Reset the sums for another leader; what was learnt of the driver stays."""
     row.ticks, row.statistic, row.exceedance_time_s = 0, 0.0, 0.0
     row.measured_drift_mps, row.predicted_drift_mps, row.follower_surprise, row.leader_surprise = 0.0, 0.0, 0.0, 0.0
     row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
@@ -144,7 +143,7 @@ def push(ring: Any, newest: float) -> None:
 
 @njit(cache=True)
 def store_regressors(row: Any, z: Any, gap_m: float) -> None:
-    """Remember this tick as the cause of the next."""
+    """Store the regressors of this tick for the next."""
     gap = max(gap_m, GAP_FLOOR_M)
     row.regressors[0] = 1.0
     row.regressors[1] = gap / GAP_SCALE_M
@@ -158,7 +157,7 @@ def store_regressors(row: Any, z: Any, gap_m: float) -> None:
 
 @njit(cache=True)
 def sums(row: Any) -> Any:
-    """Return (own, due) of step, dip and drift, m/s."""
+    """Return (measured, predicted) of step, dip and drift, m/s."""
     measured, predicted, measured_before, predicted_before = 0.0, 0.0, 0.0, 0.0
     for k in range(SPAN):
         measured += PULSE[k] * row.measured_mps[k]
@@ -180,17 +179,17 @@ def answer_spread_ms(measured: float, predicted: float) -> float:
 
 @njit(cache=True)
 def is_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
-    """Return whether the reported speeds of follower and leader have not changed of late."""
-    measured, leader = True, True
+    """Return whether the reported speeds of follower and leader are constant."""
+    follower, leader = True, True
     for k in range(LAGS):
-        measured = measured and abs(row.measured_mps[k]) < STILL_MPS
+        follower = follower and abs(row.measured_mps[k]) < STILL_MPS
         leader = leader and abs(row.leader_a_mps2[k]) * p.tick_s < STILL_MPS
-    return measured, leader
+    return follower, leader
 
 
 @njit(cache=True)
 def update_statistic(row: Any, p: ResponseParams) -> None:
-    """Write statistic, gate and whose motion is unusual, from the sums."""
+    """Write statistic, gate and motion surprises from the sums."""
     row.gate = alarm_gate.gate(row.tail, p.budget)
     row.statistic = 0.0
     for which, (measured, predicted) in enumerate(sums(row)):
@@ -209,7 +208,7 @@ def update_statistic(row: Any, p: ResponseParams) -> None:
 
 @njit(cache=True)
 def accumulate_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
-    """Add to the pair's doubt whether the step was an answer to the leader or a motion without regard to it."""
+    """Add the log-likelihood ratio of the step, unrelated motion against response, to the fault log odds."""
     measured, predicted = sums(row)[0]
     residual, natural = row.residual_ms[0] + SPREAD_FLOOR_MPS[0] ** 2, row.natural_ms[0] + SPREAD_FLOOR_MPS[0] ** 2
     answer = (measured - predicted) ** 2 / residual + log(residual)
@@ -219,7 +218,7 @@ def accumulate_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> N
 
 @njit(cache=True)
 def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
-    """Follow how much the speeds move and what is left unexplained, each square cut at OUTLIER standard deviations."""
+    """Learn the spreads of motion and residual; each square is clipped at OUTLIER standard deviations."""
     share = dt_s / min(p.spread_s + row.learning_time_s, p.memory_s)
     for which, still in enumerate(is_still(row, p)):
         row.still_share[which] += share * (still - row.still_share[which])
@@ -232,7 +231,7 @@ def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
 
 @njit(cache=True)
 def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
-    """One step of the regression: expect, compare, judge, learn."""
+    """Run one step of the regression: predict, compare, test, learn."""
     leader_dt_s = z.leader_t_s - row.leader_t_s
     push(row.leader_a_mps2, (z.leader_v_mps - row.leader_v_mps) / leader_dt_s if leader_dt_s > 0.5 * dt_s else 0.0)
     phi = np.empty(COLUMNS)
@@ -246,9 +245,9 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
     measured = z.v_mps - row.v_mps
     push(row.measured_mps, measured)
     push(row.predicted_mps, predicted * dt_s)
-    kept = exp(-dt_s / DRIFT_S)
-    row.measured_drift_mps = kept * row.measured_drift_mps + measured
-    row.predicted_drift_mps = kept * row.predicted_drift_mps + predicted * dt_s
+    decay = exp(-dt_s / DRIFT_S)
+    row.measured_drift_mps = decay * row.measured_drift_mps + measured
+    row.predicted_drift_mps = decay * row.predicted_drift_mps + predicted * dt_s
     if row.ticks < LAGS:
         return
     if row.learning_time_s == 0.0:
@@ -278,20 +277,20 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
 
 @njit(cache=True)
 def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
-    """Take one READING into one RESPONSE row and write what stands now into a CHECK.
+    """Update one RESPONSE row with one READING and write the CHECK.
 
-    Between ticks the last verdict stands. Without a leader there is nothing to answer, and the check says `warming`;
-    a leader who is heard again within `max_gap_s` is answered as if there had been no gap.
+    Between ticks the last result holds. Without a leader the check is `warming`. A gap in the leader's messages of up
+    to `max_gap_s` has no effect.
     """
     check.statistic, check.p_value = 0.0, 1.0
     check.warming, check.anomalous = True, False
     if isnan(z.leader_t_s):
         return
     dt_s = z.t_s - row.t_s
-    begun = row.ticks > 0 and dt_s <= p.max_gap_s
-    if not begun or dt_s > 0.875 * p.tick_s:
+    running = row.ticks > 0 and dt_s <= p.max_gap_s
+    if not running or dt_s > 0.875 * p.tick_s:
         gap_m = z.leader_x_m + z.leader_v_mps * (z.t_s - z.leader_t_s) - z.leader_length_m - z.x_m
-        if begun:
+        if running:
             tick(row, z, dt_s, p)
         else:
             response_reset_leader(row)

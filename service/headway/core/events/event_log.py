@@ -1,4 +1,4 @@
-"""From verdicts to events: onset, update, cleared; one at a time for each vehicle, its id the same throughout."""
+"""From verdicts to events: onset, update, cleared; at most one open event for each vehicle, with one id throughout."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,29 +14,29 @@ from headway.core.types.snapshot import OpenEvent
 from headway.core.types.step_result import AnomalyEvent, Phase
 
 CLEAR_AFTER_READINGS = 10
-"""So many readings without an alarm end an event: a second at 10 Hz, so that one cause is one event."""
+"""Readings below the gate in a row that end an event: one second at 10 Hz, so one cause is one event."""
 
 UPDATE_EVERY_US = 1_000_000
 
 CHANGE_AFTER_US = 250_000
-"""A new kind or sensor is told no sooner than this after the last statement: of some lies the kind flaps."""
+"""Least time between an event update and one with another kind or sensor: the kind of some faults alternates."""
 
 
 @dataclass(slots=True)
 class _Open:
-    """An event under way."""
+    """An open event."""
 
     event_id: str
     kind: Kind
     sensor: Sensor
-    """Of the newest alarm, told or not."""
+    """Kind and sensor are those of the newest alarm, published or not."""
     updated_us: int
     changed: bool = False
     readings_below_gate: int = 0
 
 
 class _Subject(NamedTuple):
-    """Whom a verdict concerns, as rows (leader -1: none), and when."""
+    """The vehicles of a verdict, as rows (leader -1: none), and its times."""
 
     row: int
     suspect: int
@@ -46,7 +46,7 @@ class _Subject(NamedTuple):
 
 
 class EventLog:
-    """Events under way, by row. `suffix` tells the ids of one log from those of another."""
+    """Open events by row. `suffix` distinguishes the event ids of several logs."""
 
     def __init__(self, vehicles: VehicleTable, evidence: EvidenceStore, capacity: int, suffix: str = "") -> None:
         self._suffix = suffix
@@ -56,23 +56,23 @@ class EventLog:
         self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
 
     def __len__(self) -> int:
-        """Return how many events are under way."""
+        """Return the number of open events."""
         return len(self._open)
 
     def update(
         self, rows: I64, suspects: I64, leaders: I64, t_us: I64, received_us: I64, verdicts: Records
     ) -> list[AnomalyEvent]:
-        """Take one verdict for each of the distinct `rows` and return what is to be said.
+        """Update the log with one verdict for each of the distinct `rows` (n,), and return the event updates.
 
-        `suspects` are the rows to blame, each the row itself or its leader; `leaders` is -1 for none.
+        `suspects` (n,) are the rows of the suspects, each the row itself or its leader; `leaders` is -1 for none.
         """
         concerned = np.flatnonzero(verdicts["anomalous"] | self.active[rows])
-        whom = zip(
+        subjects = zip(
             *(column[concerned].tolist() for column in (rows, suspects, leaders, t_us, received_us)), strict=True
         )
-        what = zip(*(verdicts[name][concerned].tolist() for name in ("anomalous", "kind", "sensor")), strict=True)
+        findings = zip(*(verdicts[name][concerned].tolist() for name in ("anomalous", "kind", "sensor")), strict=True)
         events = []
-        for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Subject._make, whom), what, strict=True):
+        for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Subject._make, subjects), findings, strict=True):
             phase = self._advance(of, kind, sensor, anomalous=anomalous)
             if phase is not None:
                 events.append(self._event(phase, of, verdicts[i]))
@@ -81,12 +81,12 @@ class EventLog:
         return events
 
     def drop(self, row: int) -> None:
-        """Forget the event of a row, if any, without a word."""
+        """Close the event of a row, if any, without an event update."""
         self._open.pop(row, None)
         self.active[row] = False
 
     def snapshot(self, rows: I64) -> list[OpenEvent]:
-        """Return the events of `rows` (n,)."""
+        """Return the open events of `rows` (n,)."""
         of = [(int(row), self._open[int(row)]) for row in rows[self.active[rows]]]
         return [
             OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.updated_us, e.changed, e.readings_below_gate)
@@ -94,7 +94,7 @@ class EventLog:
         ]
 
     def restore(self, events: list[OpenEvent]) -> None:
-        """Go on with these events; nothing is said of it."""
+        """Open these events without an event update."""
         for event in events:
             self._open[event.row] = _Open(
                 event.event_id,

@@ -1,7 +1,7 @@
-"""What a verdict can be computed again from: each row's last readings, and its state before the first of them.
+"""The evidence of each row: its last readings, and its state before the first of them.
 
-Every half ring the bank row is copied before it steps; the older of the two copies and the readings since replay every
-verdict in between, bit for bit, through the same kernel.
+The bank row is copied once every half ring, before it steps. The older of the two copies and the readings since replay
+each verdict in between, bit for bit, through the same kernel.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from headway.core.types.step_result import Evidence
 
 
 class EvidenceRings(NamedTuple):
-    """Of each of C rows the last R readings in a ring, with the leader at each, and two checkpoints."""
+    """For each of C rows the last R readings in a ring, the leader at each, and two checkpoints."""
 
     readings: Records
     """(C, R)"""
@@ -30,7 +30,7 @@ class EvidenceRings(NamedTuple):
 
 @njit(cache=True)
 def store_readings(rings: EvidenceRings, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
-    """Take in the readings that `rows` (B,) are about to be judged by, and whom they follow; call before any steps."""
+    """Store the `readings` and `leaders` (n,) of `rows` (n,); call it before the rows step."""
     size = rings.readings.shape[1]
     half = size // 2
     for i in range(rows.size):
@@ -57,7 +57,7 @@ class EvidenceStore:
         )
 
     def of(self, row: int) -> Evidence:
-        """Return what replays the newest verdict of a row."""
+        """Return the evidence that replays the newest verdict of a row."""
         rings = self.rings
         count, size = int(rings.counts[row]), rings.readings.shape[1]
         half = size // 2
@@ -72,5 +72,5 @@ class EvidenceStore:
         )
 
     def clear(self, rows: I64) -> None:
-        """Drop everything about `rows`: their banks were changed by something else than readings."""
+        """Clear the evidence of `rows`; call it after any change of their bank rows except by readings."""
         self.rings.counts[rows] = 0

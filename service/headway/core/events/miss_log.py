@@ -1,4 +1,4 @@
-"""Misses under way: from the onset to the end of a silence."""
+"""Open misses: from the onset to the end of a silence."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from headway.core.types.step_result import AnomalyEvent, Phase
 
 
 class MissLog:
-    """Misses under way, by row."""
+    """Open misses by row."""
 
     def __init__(self, vehicles: VehicleTable, capacity: int) -> None:
         self._vehicles = vehicles
@@ -19,33 +19,33 @@ class MissLog:
         self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
 
     def __len__(self) -> int:
-        """Return how many misses are under way."""
+        """Return the number of open misses."""
         return len(self._ids)
 
     def begin(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
-        """State that a row is silent since its message of event time `t_us`, received at `last_received_us`."""
+        """Open the miss of a row, silent since its message of event time `t_us`, received at `last_received_us`."""
         self._ids[row] = f"{self._vehicles.id_of[row]}-{t_us}-{Kind.MISS.label}"
         self.active[row] = True
         return self._event(Phase.ONSET, row, leader, t_us, last_received_us)
 
     def end(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
-        """State that a silent row was heard again, or is forgotten."""
+        """Close the miss of a row that reappeared, or is evicted."""
         event = self._event(Phase.CLEARED, row, leader, t_us, last_received_us)
         del self._ids[row]
         self.active[row] = False
         return event
 
     def drop(self, row: int) -> None:
-        """Forget the miss of a row, if any, without an event update."""
+        """Close the miss of a row, if any, without an event update."""
         self._ids.pop(row, None)
         self.active[row] = False
 
     def snapshot(self, rows: I64) -> list[OpenMiss]:
-        """Return the misses of `rows` (n,)."""
+        """Return the open misses of `rows` (n,)."""
         return [OpenMiss(int(row), self._ids[int(row)]) for row in rows[self.active[rows]]]
 
     def restore(self, misses: list[OpenMiss]) -> None:
-        """Go on with these misses; nothing is said of it."""
+        """Open these misses without an event update."""
         for miss in misses:
             self._ids[miss.row] = miss.event_id
             self.active[miss.row] = True

@@ -1,4 +1,4 @@
-"""Identifiers as a column of numbers, and which row each has: looked up without an object for any of them."""
+"""The row of each identifier: a hash table that compares identifiers without a Python object for each."""
 
 from typing import NamedTuple
 
@@ -11,24 +11,24 @@ from headway.core.types.identifiers import ID_BYTES, ID_WORDS, WORD_BITS, Words,
 
 _NO_ROW = -1
 _AHEAD = 8
-"""So many names before it is compared a name is asked for."""
+"""Distance of the prefetch, in identifiers."""
 
 
 class IdIndex(NamedTuple):
-    """A hash table of C rows by name: rows of one bucket are a chain."""
+    """A hash table of C rows by identifier; the rows of one bucket form a chain."""
 
     name: Words
-    """(C, 8) of each row; zeros for none."""
+    """(C, 8) the identifier of each row; zeros for a free row."""
     next_row: I64
     """(C,) the next row of the chain, -1 after the last."""
     first_row: I64
     """(buckets,) the first row of each chain, -1 for none."""
     factors: Words
-    """Secret, so that nobody can choose identifiers that fall together; no result depends on them."""
+    """Random, so that a sender cannot choose identifiers of one bucket; no result depends on them."""
 
 
 def new_id_index(capacity: int) -> IdIndex:
-    """Return a table with room for `capacity` names."""
+    """Return an empty index of `capacity` rows."""
     buckets = 1 << max(1, (2 * capacity - 1).bit_length())
     return IdIndex(
         np.zeros((capacity, ID_WORDS), np.uint64),
@@ -54,7 +54,7 @@ def find(index: IdIndex, ids: Words, out_rows: I64) -> None:
 
 @njit(cache=True)
 def insert(index: IdIndex, row: int, ids: Words, i: int) -> None:
-    """Give a free row to name `i` of the `ids` (B, 8), which has none."""
+    """Assign a free row to identifier `i` of the `ids` (B, 8), which has none."""
     bucket = _bucket(index, ids, i)
     index.name[row] = ids[i]
     index.next_row[row] = index.first_row[bucket]
@@ -63,7 +63,7 @@ def insert(index: IdIndex, row: int, ids: Words, i: int) -> None:
 
 @njit(cache=True)
 def remove(index: IdIndex, row: int) -> None:
-    """Take the name of a row out."""
+    """Remove the identifier of a row."""
     bucket = _bucket(index, index.name, row)
     if index.first_row[bucket] == row:
         index.first_row[bucket] = index.next_row[row]
@@ -77,7 +77,7 @@ def remove(index: IdIndex, row: int) -> None:
 
 @njit(cache=True)
 def _bucket(index: IdIndex, of: Words, i: int) -> int:
-    """Hash name `i` of (B, 8): the upper bits of a sum of products of its halves of words, which is universal.
+    """Hash identifier `i` of (B, 8): the upper bits of a sum of products of half words, which is universal.
 
     M. Dietzfelbinger, "Universal hashing and k-wise independent random variables via integer arithmetic without
     primes", STACS 1996.

@@ -1,22 +1,22 @@
-"""Who follows whom, and where the leader is on the follower's own odometer.
+"""The leader of each vehicle, and the leader's place on the follower's odometer.
 
-**In one lane.** The car ahead has been where the follower is now: its trail passes beside the follower, within half a
-lane and in the same direction. Measured along that trail, curves and turns at a crossing are distances like any other,
-and the neighbouring lane, the opposite one and a crossing road are told apart where it counts. A trail too young to
-reach back to the follower is continued straight from its oldest end.
+**In one lane.** The leader has been where the follower is now: its path passes beside the follower, within half a lane
+and in the same direction. Distances are measured along that path, so bends and turns at a crossing need no map. The
+next lane, the opposite lane and a crossing road are excluded at the place of the follower. A path too short to reach
+back to the follower is continued straight from its oldest end.
 
-**Leader.** Of all vehicles whose trail passes beside the follower the nearest is its witness of the lane. A vehicle
-between the two that now lies on the witness's trail has cut in, and is the leader. When the next witness's trail has
-the nearest one beside it, a lane away, that one has left, and the next takes its place. A vehicle that names its leader
-is believed if that vehicle is known, fresh, and ahead within range.
+**Leader.** The lane reference is the nearest vehicle ahead whose path passes beside the follower. A vehicle between the
+two that is on the path of the lane reference has cut in, and is the leader. If the lane reference is beside the path of
+the second vehicle, a lane away, it has left the lane, and the second takes its place. A declared leader is accepted if
+that vehicle is known, fresh, and ahead within range.
 
-**Hysteresis.** Rows are looked at about twice a second of event time. A challenger must be the answer of several looks
-in a row; a leader is kept in a wider corridor, and lost after several looks without it.
+**Hysteresis.** Each vehicle searches about twice a second of event time. A candidate must be found by several searches
+in a row. A leader is kept in a wider corridor, and is lost after several searches without it.
 
-**Offset.** `offset_m` takes the leader's odometer into the follower's: x_leader + offset_m. It is the follower's
-odometer less the leader's odometer at the place on its trail abreast of the follower. Both places are bases of
-`tracks`, so that a bad position of either never enters, and an error along the road cancels. The two paths may differ
-in length only by as much as they are long: the offset never moves faster than a share of the way travelled.
+**Offset.** x_leader + `offset_m` is the leader's place on the follower's odometer. The offset is the follower's
+odometer less the leader's odometer at the place on the leader's path abreast of the follower. Both places are bases of
+`tracks`, so an invalid location of either has no effect, and an error along the road cancels. The offset moves by at
+most a share of the distance travelled, because two paths differ in length by no more.
 """
 
 import math
@@ -32,48 +32,49 @@ from headway.core.types.batch import F64, I64
 from headway.core.types.records import Records
 
 NO_LEADER = -1
-"""Row of a leader that is not there."""
+"""Row of the leader of a vehicle without one."""
 
 SEARCH_EVERY_US = 500_000
 CONFIRMATIONS_TO_ACQUIRE = 2
-"""Looks in a row before a vehicle becomes the leader of one that has none."""
+"""Searches in a row before a candidate becomes the leader of a vehicle without one."""
 
 CONFIRMATIONS_TO_REPLACE = 3
-"""Looks in a row before a challenger replaces a leader that is still in the lane."""
+"""Searches in a row before a candidate replaces a leader: a receiver may be off by a lane for a second."""
 
 COASTS_TO_LOSE = 4
-"""Looks in a row without the leader before it is lost: two seconds."""
+"""Searches in a row without the leader before it is lost: two seconds."""
 
 OUTLIERS_TO_JUMP = 4
-"""Looks in a row that find the follower beside another place of the trail before the offset leaps there."""
+"""Searches in a row that find the follower beside another place of the path before the offset jumps there."""
 
 FRESH_US = 2_000_000
-"""A vehicle not heard for so long cannot be anybody's leader at this look."""
+"""A vehicle whose newest message is older than this, relative to the follower's, cannot be its leader."""
 
 PAIRING = np.dtype(
     [
-        ("generation", "i8"),  # of the follower's track when this row was begun
+        ("generation", "i8"),  # of the follower's track when this row was initialised
         ("leader_row", "i8"),  # NO_LEADER: none; read it through `leader_of`
         ("leader_generation", "i8"),
         ("candidate_row", "i8"),
         ("confirmations", "i8"),
         ("coasts", "i8"),
-        ("offset_outliers", "i8"),  # looks in a row that found the follower beside another place of the trail
-        ("search_us", "i8"),  # event time of the last look
-        ("search_x_m", "f8"),  # follower's base at the last look that moved the offset
+        ("offset_outliers", "i8"),  # searches in a row that found another place of the path
+        ("search_us", "i8"),  # event time of the last search
+        ("phase_us", "i8"),  # spreads the searches of many vehicles over time
+        ("search_x_m", "f8"),  # follower's base at the last search that moved the offset
         ("offset_m", "f8"),
     ],
     align=True,
 )
 
-_KEEP_CORRIDOR = 1.5  # of the corridor that makes a leader, the one that keeps it
-_GONE_LANES = 0.75  # a witness so far beside the next one's trail has left the lane
-_DECLARED_CORRIDOR_M = 15.0  # what the worst receivers are off by
-_ALLOWANCE_LANES = 1.0 / 6.0  # at most, for the accuracy that both declare: the next lane must stay out
+_KEEP_CORRIDOR = 1.5  # width of the corridor that keeps a leader, relative to the one that finds it
+_GONE_LANES = 0.75  # a lane reference this far beside the path of the second vehicle has left the lane
+_DECLARED_CORRIDOR_M = 15.0  # error of the worst receivers
+_ALLOWANCE_LANES = 1.0 / 6.0  # bound on the allowance for the declared accuracies: excludes the next lane
 _OFFSET_GAIN = 0.5
 _OFFSET_PER_METRE = 0.15  # two paths a metre apart in a bend of 7 m radius
 _OFFSET_SLACK_M = 0.02
-_OUTLIER_LIMITS, _OUTLIER_MIN_M = 4.0, 1.0  # an error beyond both is not two paths parting, but another place
+_OUTLIER_LIMITS, _OUTLIER_MIN_M = 4.0, 1.0  # beyond both, the error shows another place of the path
 
 
 def new_pairing(capacity: int) -> Records:
@@ -85,7 +86,7 @@ def new_pairing(capacity: int) -> Records:
 
 @njit(cache=True)
 def leader_of(tracks: Records, pairing: Records, row: int) -> int:
-    """Return the row of the vehicle that `row` follows, or NO_LEADER: also when either row has changed hands since."""
+    """Return the row of the leader of `row`, or NO_LEADER, also if either row has another generation since."""
     pair = pairing[row]
     leader_row: int = pair.leader_row
     if leader_row == NO_LEADER or pair.generation != tracks[row].generation:
@@ -106,12 +107,11 @@ def find_leaders(
     lane_width_m: float,
     out_changed: NDArray[np.bool_],
 ) -> int:
-    """Look who is ahead of those of `rows` that are due; return how many leaders changed.
+    """Search the leaders of those of `rows` (n,) that are due; return how many changed.
 
-    Call it after `extend_path_history`, with the rows of any readings: a row that is not due costs a comparison.
-    `declared_rows` (B,): the row of the leader that each vehicle declares, or NO_LEADER. `now_us`: any clock that the
-    readings of one call share. `out_changed` (B,): whether the leader, or its place by more than the offset may move,
-    is another than before, so that the filter of that row should not expect the two to continue.
+    Call it after `extend_path_history`. `declared_rows` (n,) are the rows of the leaders that senders declare, or
+    NO_LEADER. `now_us` is the time of the call on any clock. `out_changed` (n,) is whether the leader changed, or its
+    place by more than the offset may move.
     """
     if not 0 <= now_us - grid.built_us[0] < REBUILD_US:
         build(grid, tracks, range_m, now_us)
@@ -123,8 +123,8 @@ def find_leaders(
         out_changed[i] = False
         track, pair = tracks[row], pairing[row]
         if pair.generation != track.generation:
-            _initialise(pair, track, row)
-        if track.t_us - pair.search_us < SEARCH_EVERY_US - 33_000 + _spread_us(row):
+            _initialise(pair, track)
+        if track.t_us - pair.search_us < SEARCH_EVERY_US - 33_000 + pair.phase_us:
             continue
         pair.search_us = track.t_us
         near_count = find_near(grid, track, row, range_m, nearby, apart_squared)
@@ -144,7 +144,7 @@ def leaders_of(tracks: Records, pairing: Records, rows: I64, out_leaders: I64) -
 
 @njit(cache=True)
 def gaps_m(tracks: Records, pairing: Records, rows: I64, out_gap_m: F64) -> None:
-    """Write the distance along the road from each row's front to its leader's rear, m; NaN where it follows nobody."""
+    """Write the distance along the road from each row's front to its leader's rear, m; NaN without a leader."""
     for i in range(rows.size):
         leader_row = leader_of(tracks, pairing, rows[i])
         out_gap_m[i] = np.nan
@@ -154,25 +154,28 @@ def gaps_m(tracks: Records, pairing: Records, rows: I64, out_gap_m: F64) -> None
 
 
 @njit(cache=True)
-def _initialise(pair: Any, track: Any, row: int) -> None:
-    """Start a row without a leader, its first look up to half a second away."""
+def _initialise(pair: Any, track: Any) -> None:
+    """Initialise a row without a leader; its first search is due within half a second."""
     pair.generation = track.generation
     pair.leader_row = pair.candidate_row = NO_LEADER
     pair.confirmations = pair.coasts = pair.offset_outliers = 0
-    pair.search_us = track.t_us - 7 * _spread_us(row)
+    pair.phase_us = _phase_us(track)
+    pair.search_us = track.t_us - 7 * pair.phase_us
 
 
 @njit(cache=True)
-def _spread_us(row: int) -> int:
-    """Return 0 to 66 ms, another for every row, so that looks do not fall together."""
-    return row * 7919 % 65_536
+def _phase_us(track: Any) -> int:
+    """Return 0 to 66 ms by a hash of the track's event time and position, so the row number has no effect."""
+    lat, lon = int(track.lat_deg * 1e7), int(track.lon_deg * 1e7)
+    mixed = (track.t_us * 7919) ^ (lat * 73_856_093) ^ (lon * 19_349_663)
+    return int(mixed >> 12 & 0xFFFF)
 
 
 @njit(cache=True)
 def _find_leader(
     tracks: Records, pairing: Records, row: int, declared_row: int, nearby: I64, range_m: float, lane_width_m: float
 ) -> bool:
-    """Bring one row's leader and offset up to date; return whether either leapt."""
+    """Update the leader and the offset of one row; return whether either jumped."""
     follower, pair = tracks[row], pairing[row]
     leader_row = leader_of(tracks, pairing, row)
     changed = bool(leader_row != pair.leader_row)
@@ -195,7 +198,7 @@ def _find_leader(
         pair.coasts = 0 if leader_ahead_m > 0.0 else pair.coasts + 1
     pair.confirmations = pair.confirmations + 1 if found_row == pair.candidate_row else 1
     pair.candidate_row = found_row
-    needed = CONFIRMATIONS_TO_REPLACE if leader_ahead_m > 0.0 else CONFIRMATIONS_TO_ACQUIRE
+    needed = CONFIRMATIONS_TO_ACQUIRE if leader_row == NO_LEADER else CONFIRMATIONS_TO_REPLACE
     if found_row != NO_LEADER and (declared or pair.confirmations >= needed):
         pair.leader_row = found_row
         pair.leader_generation = tracks[found_row].generation
@@ -215,7 +218,7 @@ def _find_leader(
 
 @njit(cache=True)
 def _update_offset(pair: Any, follower: Any, measured_m: float) -> bool:
-    """Move the offset towards the one measured, no faster than two paths may part; return whether it leapt."""
+    """Move the offset towards the measured one within its limits; return whether it jumped."""
     limit_m = _OFFSET_SLACK_M + _OFFSET_PER_METRE * abs(follower.base_x_m - pair.search_x_m)
     pair.search_x_m = follower.base_x_m
     error_m = measured_m - pair.offset_m
@@ -233,7 +236,7 @@ def _update_offset(pair: Any, follower: Any, measured_m: float) -> bool:
 
 @njit(cache=True)
 def _search_declared(tracks: Records, row: int, declared_row: int, range_m: float) -> tuple[int, float]:
-    """Return (row, metres ahead) of the leader the follower names, or NO_LEADER where it cannot be."""
+    """Return (row, metres ahead) of the declared leader, or NO_LEADER if it is not acceptable."""
     if declared_row in (NO_LEADER, row):
         return NO_LEADER, 0.0
     follower, leader = tracks[row], tracks[declared_row]
@@ -249,7 +252,7 @@ def _search_lane(
 ) -> tuple[int, float]:
     """Return (row, metres ahead) of the vehicle next ahead in the follower's lane, or NO_LEADER.
 
-    `nearby` is sorted by distance as the crow flies, which no way along a road undercuts.
+    `nearby` is sorted by straight distance, a lower bound of the distance along the road.
     """
     follower = tracks[row]
     half_lane_m = 0.5 * lane_width_m
@@ -288,7 +291,7 @@ def _search_lane(
 def _find_cut_in(
     tracks: Records, row: int, leader_row: int, reference_row: int, reference_m: float, nearby: I64, half_lane_m: float
 ) -> tuple[int, float]:
-    """Return (row, metres ahead) of the nearest vehicle on the witness's trail between the two, else of the witness."""
+    """Return (row, metres ahead) of the nearest vehicle on the lane reference's path, or of the reference."""
     follower, lane_reference = tracks[row], tracks[reference_row]
     found_row, found_m = reference_row, reference_m
     for k in range(nearby.size):
@@ -307,12 +310,12 @@ def _find_cut_in(
 
 @njit(cache=True)
 def _is_fresh(vehicle: Any, follower: Any) -> bool:
-    """Whether both were heard at about the same time."""
+    """Whether the newest messages of both have about the same event time."""
     return bool(abs(vehicle.t_us - follower.t_us) <= FRESH_US)
 
 
 @njit(cache=True)
 def _allowance_m(vehicle: Any, follower: Any, lane_width_m: float) -> float:
-    """How much wider than half a lane the corridor is, for the accuracy that the two declare."""
+    """Return the allowance on the half lane for the accuracies that the two declare, m."""
     declared_m = math.hypot(vehicle.accuracy_m, follower.accuracy_m)
     return min(declared_m, _ALLOWANCE_LANES * lane_width_m) if math.isfinite(declared_m) else 0.0

@@ -1,7 +1,7 @@
-"""How far one vehicle is behind another along the road the latter came.
+"""The distance of one vehicle behind another, along the path of the one ahead.
 
-The trail of the vehicle ahead is the road: it passes beside whoever follows, in the same direction. Where it is too
-young to reach back so far it is continued straight from its oldest end.
+The path history of the vehicle ahead stands for the road: it passes beside the follower, in the same direction. If it
+is too short to reach back to the follower, it is continued straight from its oldest end.
 """
 
 import math
@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 from headway.core.tracking.geodesy import displacement_m
 from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_NORTH, CRUMB_SPACING_M, CRUMB_X, CRUMBS
 
-_PATH_COS_MIN = 0.77  # 40 degrees: a base lags its car by up to one spacing of a tight turn
-_STRAIGHT_COS_MIN = 0.97  # 14 degrees, where the trail is continued straight
-_BASELINE = 2  # crumbs to either side that give a trail its direction
+_PATH_COS_MIN = 0.77  # 40 degrees: a base lags its vehicle by up to one spacing of a tight turn
+_STRAIGHT_COS_MIN = 0.97  # 14 degrees, on the straight continuation
+_BASELINE = 2  # crumbs to either side that define the direction of a path
 
 
 @njit(cache=True)
 def between_bases(from_track: Any, to_track: Any) -> tuple[float, float]:
-    """Return (east_m, north_m) from the one's base to the other's."""
+    """Return (east_m, north_m) from the first base to the second."""
     return displacement_m(
         from_track.base_lat_deg, from_track.base_lon_deg, to_track.base_lat_deg, to_track.base_lon_deg
     )
@@ -29,7 +29,7 @@ def between_bases(from_track: Any, to_track: Any) -> tuple[float, float]:
 
 @njit(cache=True)
 def distance_along_path(ahead: Any, behind: Any, corridor_m: float, range_m: float) -> tuple[float, float]:
-    """Return (metres from `behind` to `ahead` along the trail of the latter, how far left of the trail `behind` is).
+    """Return (metres from `behind` to `ahead` along the path of `ahead`, metres of `behind` to the left of the path).
 
     The metres are 0 if the path does not pass within `corridor_m` of the base of `behind`, in its direction, over the
     last `range_m`. Of several passes the newest counts. The search goes backwards in leaps: a place r away from a crumb
@@ -102,7 +102,7 @@ def distance_along_path(ahead: Any, behind: Any, corridor_m: float, range_m: flo
 def _continue_straight(
     ahead: Any, east_m: float, north_m: float, heading_east: float, heading_north: float, corridor_m: float
 ) -> tuple[float, float]:
-    """Return (odometer, lateral) of a place behind the oldest crumb, on its straight continuation; inf if not there."""
+    """Return (odometer, lateral) on the straight continuation behind the oldest crumb; inf if not on it."""
     crumbs = ahead.crumbs
     oldest_back = ahead.crumb_count - 1
     oldest = (ahead.newest_crumb - oldest_back) & (CRUMBS - 1)
@@ -122,7 +122,7 @@ def _continue_straight(
 
 @njit(cache=True)
 def _path_direction(crumbs: NDArray[np.float32], newest: int, back: int, oldest_back: int) -> tuple[float, float]:
-    """Return the unit direction of the trail around the segment that begins `back` crumbs before the newest."""
+    """Return the unit direction of the path around the segment that starts `back` crumbs before the newest."""
     newer = (newest - max(back - _BASELINE + 1, 0)) & (CRUMBS - 1)
     older = (newest - min(back + _BASELINE, oldest_back)) & (CRUMBS - 1)
     east = crumbs[newer, CRUMB_EAST] - crumbs[older, CRUMB_EAST]

@@ -17,21 +17,21 @@ from headway.core.types.batch import I64
 from headway.core.types.records import Records
 
 INTERVALS = 3.0
-"""A sender is late after so many of its own mean intervals."""
+"""Silence, in mean intervals of the sender, after which it is overdue."""
 
 PSEUDONYM_WITHIN_M, PSEUDONYM_TRAVEL_SHARE = 5.0, 0.2
-"""A new vehicle this near to where a silent one would be (plus a share of the way it may have gone) is that vehicle."""
+"""A new vehicle within this distance of the extrapolated place of a silent one is that vehicle."""
 
 
 @njit(cache=True)
 def limit_us(interval_s: float, silence_timeout_s: float) -> int:
-    """Return the silence (us) after which a sender of such an interval is late."""
+    """Return the silence (us) after which a sender of this interval is overdue."""
     return int(1e6 * max(silence_timeout_s, INTERVALS * interval_s))
 
 
 @njit(cache=True)
 def last_neighbour_us(last_received_us: I64, rows: I64, leaders: I64) -> I64:
-    """Return, for each of `rows` (B,), when its leader or any of its followers was last heard; 0 without any.
+    """Return, for each of `rows` (B,), the last receive time of its leader and followers; 0 without any.
 
     `last_received_us` is (C,), `leaders` (B,) the row of each one's leader, -1 for none.
     """
@@ -55,9 +55,9 @@ def overdue(
     silence_timeout_s: float,
     warming_readings: int,
 ) -> NDArray[np.bool_]:
-    """Return which of `rows` (B,) are silent beyond their limit while a neighbour has been heard since.
+    """Return which of `rows` (B,) are silent beyond their limit while a neighbour was received since.
 
-    `leaders` (B,) is the row of each one's leader, -1 for none; `ignored` (C,) are rows not to be looked at.
+    `leaders` (B,) is the row of each one's leader, -1 for none; `ignored` (C,) are rows to skip.
     """
     neighbour_us = last_neighbour_us(tracks["received_us"], rows, leaders)
     found = np.zeros(rows.size, np.bool_)
@@ -72,7 +72,7 @@ def overdue(
 
 @njit(cache=True)
 def pseudonym_changed(tracks: Records, first_received_us: I64, silent_row: int, rows: I64) -> bool:
-    """Whether one of `rows` (B,) that began since is where this one would be by now: a new pseudonym, not a miss."""
+    """Whether one of `rows` (B,) that is new since is at the extrapolated place of the silent one: a new pseudonym."""
     track = tracks[silent_row]
     east_per_deg, north_per_deg = metres_per_degree(track.lat_deg)
     for i in range(rows.size):

@@ -1,4 +1,4 @@
-"""Who is near: vehicles by cell of latitude and longitude, in bounded time whatever gathers in one place."""
+"""The vehicles near a place: an index by cell of latitude and longitude, with a bound on the time of each search."""
 
 import math
 from typing import Any, NamedTuple
@@ -11,12 +11,12 @@ from headway.core.types.batch import F64, I64
 from headway.core.types.records import Records
 
 NEAREST = 12
-"""Vehicles that one search returns at most."""
+"""Most vehicles that one search returns."""
 
 REBUILD_US = 250_000
-"""Age at which an index is too old: in between, vehicles are carried on by their speed."""
+"""Age at which the index is built again; until then, vehicles are extrapolated by their speed."""
 
-_SCAN_PER_CELL = 256  # of a cell with more, an even share is looked at
+_SCAN_PER_CELL = 256  # of a cell with more entries, every n-th is examined
 _ONCOMING_COS = -0.5
 _METRES_PER_DEGREE_MIN = 110_574.0  # of latitude, at the equator
 _METRES_PER_DEGREE_EQUATOR = 111_319.0  # of longitude
@@ -37,7 +37,7 @@ _ENTRY = np.dtype(
 
 
 class Grid(NamedTuple):
-    """Who is near: vehicles sorted by the cell they were in at `built_us`. Holds nothing that cannot be built again."""
+    """The vehicles sorted by the cell they were in at `built_us`; not part of a snapshot."""
 
     entries: Records
     unsorted: Records
@@ -58,13 +58,13 @@ def new_grid(capacity: int) -> Grid:
 
 @njit(cache=True)
 def _bucket(band: int, column: int, buckets: int) -> int:
-    """Hash a cell; two cells may share a bucket, for the distance is looked at anyway."""
+    """Hash a cell; two cells may share a bucket, because each search checks the distance."""
     return (band * 73_856_093 ^ column * 19_349_663) & (buckets - 1)
 
 
 @njit(cache=True)
 def _columns(band: int, cell_deg: float) -> int:
-    """Return how many cells, none narrower than `cell_deg` of latitude is long, go round the earth in this band."""
+    """Return the number of cells around the earth in this band, none narrower than `cell_deg` of latitude."""
     edge_deg = max(abs(band * cell_deg - 90.0), abs((band + 1) * cell_deg - 90.0))
     narrowest = math.cos(math.radians(min(edge_deg, 90.0))) * _METRES_PER_DEGREE_EQUATOR / _METRES_PER_DEGREE_MIN
     return max(1, int(360.0 * narrowest / cell_deg))
@@ -72,13 +72,13 @@ def _columns(band: int, cell_deg: float) -> int:
 
 @njit(cache=True)
 def _column(lon_deg: float, columns: int) -> int:
-    """Return the cell of a longitude in a band of so many."""
+    """Return the cell of a longitude in a band of `columns` cells."""
     return math.floor((lon_deg + 180.0) / 360.0 * columns) % columns
 
 
 @njit(cache=True)
 def build(grid: Grid, tracks: Records, range_m: float, now_us: int) -> None:
-    """Sort all known vehicles by cell: a counting sort over the buckets."""
+    """Sort all known vehicles by cell, with a counting sort over the buckets."""
     start = grid.bucket_start
     buckets = start.size - 1
     cell_deg = range_m / _METRES_PER_DEGREE_MIN

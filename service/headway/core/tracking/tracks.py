@@ -1,20 +1,20 @@
-"""One row per vehicle: its newest reading, its odometer, and the trail of places where it surely was.
+"""One row for each vehicle: its newest reading, its odometer, and its path history.
 
-**Odometer.** `x_m` turns latitude and longitude into the one dimension of the filter. It is measured from the *base*,
-the newest place that was trusted, and never from the last reading: with d the displacement from the base, h0 and h the
-unit headings there and now, and phi the angle between them,
+**Odometer.** `x_m` maps latitude and longitude to the one dimension of the filter. It is measured from the *base*, the
+newest place with a valid location, and never from the last reading. With d the displacement from the base, h0 and h the
+unit headings at the base and now, and phi the angle between them,
 
     x = x_base + (d . m) (phi / 2) / sin(phi / 2),        m = (h0 + h) / |h0 + h|
 
-which is the arc length of the circle through both places (the factor is taken as 1 + (1 - h0 . h) / 12, its value to
-second order in phi). A bad position makes one bad `x_m` and leaves nothing behind in the next.
+is the arc length of the circle through both places. The factor is taken as 1 + (1 - h0 . h) / 12, its value to second
+order in phi. An invalid location makes one invalid `x_m` and has no effect on the next.
 
 **Path history.** `advance` reads the base; `extend_path_history` moves it after the verdict. A reading with a valid
 location becomes the base when it is `CRUMB_SPACING_M` further on. If the location is invalid, the recovered speed moves
 the base. Each place of the base is stored in a ring of crumbs (SAE J2735 PathHistory, crumbData).
 
-East and north are metres in a plane that rolls along with the vehicle, from an arbitrary origin per row: only
-differences within one row mean anything.
+East and north are metres in a plane that moves with the vehicle, from an arbitrary origin for each row. Only the
+differences within one row have a meaning.
 """
 
 import math
@@ -31,16 +31,16 @@ from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
 CRUMBS = 64
-"""Places kept of each trail: 192 m at the closest spacing. A power of two."""
+"""Crumbs of each path: 192 m at the closest spacing. A power of two."""
 
 CRUMB_SPACING_M = 3.0
-"""Short enough for a lane's curves (an arc of 60 m radius leaves its chord by 2 cm), long against position noise."""
+"""Short for the curves of a lane (an arc of 60 m radius leaves its chord by 2 cm), long against position noise."""
 
 MOVING_MPS = 0.5
-"""Below this a receiver's heading is noise: a car that stands, by its speed and its place, keeps the one it had."""
+"""Below this speed a receiver's heading is noise; a vehicle at rest keeps its heading."""
 
 DEFAULT_LENGTH_M = 4.7
-"""A passenger car, for a sender that does not say."""
+"""A passenger car, for a sender that declares no length."""
 
 MSG_CNT_MODULUS = 128
 
@@ -49,8 +49,8 @@ CRUMB_EAST, CRUMB_NORTH, CRUMB_X = 0, 1, 2
 
 _INTERVAL_GAIN = 1.0 / 16.0
 _INTERVAL_MIN_S = 0.01
-_FIRST_INTERVAL_S = 0.1  # 10 Hz until the sender has shown its own (SAE J2945/1)
-_TURN_COS_MIN = 0.5  # no car turns by more than 60 degrees within one spacing
+_FIRST_INTERVAL_S = 0.1  # 10 Hz until the interval of the sender is known (SAE J2945/1)
+_TURN_COS_MIN = 0.5  # no vehicle turns by more than 60 degrees within one spacing
 _CHORD_MIN_M = 0.5 * CRUMB_SPACING_M  # shorter ones have no direction in the noise
 _BREAK_M = 50.0
 _ACCEPTED = int(Outcome.SCORED)
@@ -61,22 +61,22 @@ TRACK = np.dtype(
     [
         ("t_us", "i8"),  # event time of the newest reading; 0: the row is free
         ("received_us", "i8"),
-        ("generation", "i8"),  # changes whenever x_m begins anew, be it another vehicle or the same one after a silence
+        ("generation", "i8"),  # changes when x_m starts at zero: another vehicle, or a gap
         ("msg_cnt", "i8"),
-        ("count", "i8"),  # readings since x_m began
+        ("count", "i8"),  # readings since x_m was zero
         ("step_s", "f8"),  # event time between the last two readings
-        ("interval_s", "f8"),  # the sender's own mean interval
+        ("interval_s", "f8"),  # the sender's mean interval
         ("lat_deg", "f8"),
         ("lon_deg", "f8"),
         ("x_m", "f8"),
         ("v_mps", "f8"),
-        ("heading_east", "f8"),  # unit vector; (0, 0): not known yet
+        ("heading_east", "f8"),  # unit vector; (0, 0): unknown
         ("heading_north", "f8"),
         ("heading_declared", "?"),  # by the newest reading, in motion
-        ("heading_known", "?"),  # was ever known in motion
+        ("heading_known", "?"),  # from a reading in motion
         ("accuracy_m", "f8"),  # declared, 1 sigma; NaN: never
         ("length_m", "f8"),
-        ("from_base_east_m", "f8"),  # newest reading, seen from the base
+        ("from_base_east_m", "f8"),  # newest reading, relative to the base
         ("from_base_north_m", "f8"),
         ("base_lat_deg", "f8"),
         ("base_lon_deg", "f8"),
@@ -99,7 +99,7 @@ def new_tracks(capacity: int) -> Records:
 
 
 def evict(tracks: Records, rows: I64) -> None:
-    """Free the rows. Their serial goes on, so that nobody takes the next vehicle there for this one."""
+    """Free the rows. Their generation increases, so the next vehicle of a row is not taken for this one."""
     generation = tracks["generation"][rows] + 1
     wipe(tracks, rows)
     tracks["generation"][rows] = generation
@@ -198,7 +198,7 @@ def extend_path_history(tracks: Records, rows: I64, location_valid: NDArray[np.b
 
 @njit(cache=True)
 def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
-    """Set the odometer to zero at this place, with no trail behind it."""
+    """Set the odometer to zero at this place, with an empty path."""
     if track.t_us == 0:
         track.length_m = DEFAULT_LENGTH_M
         track.accuracy_m = np.nan
@@ -216,10 +216,10 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
 
 @njit(cache=True)
 def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
-    """Messages lost before this one; also brings the sender's own interval up to date.
+    """Return the messages lost before this one, and update the sender's mean interval.
 
-    A step of the counter by n says that n - 1 are lost, if the elapsed time has room for n at no less than half the
-    sender's mean interval. Otherwise the counter was restarted (or stands still) and says nothing.
+    A counter step of n means n - 1 lost messages if the elapsed time is at least n half intervals. Otherwise the
+    counter was restarted, or is constant, and has no meaning.
     """
     sent = (msg_cnt - track.msg_cnt) % MSG_CNT_MODULUS
     if sent == 0 or (sent > 1 and step_s < 0.5 * track.interval_s * sent):
@@ -232,7 +232,7 @@ def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> 
 
 @njit(cache=True)
 def _update_odometer(track: Any, heading_deg: float) -> None:
-    """Set heading and odometer of the newest reading, seen from the base."""
+    """Set heading and odometer of the newest reading, relative to the base."""
     east_m, north_m = displacement_m(track.base_lat_deg, track.base_lon_deg, track.lat_deg, track.lon_deg)
     track.from_base_east_m, track.from_base_north_m = east_m, north_m
     apart_m = math.hypot(east_m, north_m)
@@ -261,7 +261,7 @@ def _update_odometer(track: Any, heading_deg: float) -> None:
 
 @njit(cache=True)
 def _derive_heading(track: Any, apart_m: float) -> None:
-    """Take the heading from the way since the base, for a sender that declares none."""
+    """Set the heading by the displacement from the base, for a sender that declares none."""
     if apart_m < (_CHORD_MIN_M if track.heading_known else 1e-3):
         return
     east, north = track.from_base_east_m / apart_m, track.from_base_north_m / apart_m
@@ -278,7 +278,7 @@ def _turn_cos(track: Any) -> float:
 
 @njit(cache=True)
 def _push_crumb(track: Any) -> None:
-    """Keep the place of the base."""
+    """Store the place of the base."""
     track.newest_crumb = (track.newest_crumb + 1) & (CRUMBS - 1)
     track.crumb_count = min(track.crumb_count + 1, CRUMBS)
     crumb = track.crumbs[track.newest_crumb]

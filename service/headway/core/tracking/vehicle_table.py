@@ -1,4 +1,4 @@
-"""Which vehicle has which row: bounded, and rows of the forgotten are used again."""
+"""The row of each vehicle, up to a capacity; rows of evicted vehicles are used again."""
 
 from collections.abc import Iterable
 
@@ -11,7 +11,7 @@ from headway.core.types.identifiers import id_column, id_words
 
 
 class VehicleTable:
-    """Ids to rows, both ways. `generation` tells a row's tenants apart: it changes whenever a row changes hands."""
+    """Identifiers to rows and back; `generation` (C,) changes whenever a row gets another vehicle."""
 
     def __init__(self, capacity: int) -> None:
         self._id_index = new_id_index(capacity)
@@ -32,21 +32,21 @@ class VehicleTable:
         return rows
 
     def admit(self, ids: Iterable[str]) -> list[int]:
-        """Give a row to each new id, in sorted order so that the order of arrival is of no account.
+        """Assign a row to each new id, in sorted order, so the order of arrival has no effect; return the rows.
 
-        Stops when the table is full: the ids left over stay without a row. Returns the rows given.
+        When the table is full, the remaining ids get no row.
         """
-        given = []
+        assigned = []
         for vehicle in sorted(ids):
             if not self._free:
                 break
             row = self._free.pop()
             self._assign(row, vehicle)
-            given.append(row)
-        return given
+            assigned.append(row)
+        return assigned
 
     def restore(self, rows: I64, ids: list[str]) -> None:
-        """Give these free `rows` (n,) to these new `ids`."""
+        """Assign these free `rows` (n,) to these new `ids`."""
         taken = dict(zip(rows.tolist(), ids, strict=True))
         self._free = [row for row in self._free if row not in taken]
         for row, vehicle in taken.items():
@@ -56,7 +56,7 @@ class VehicleTable:
         """Free a row."""
         vehicle = self.id_of[row]
         if vehicle is None:
-            raise ValueError(f"row {row} is free already")
+            raise ValueError(f"row {row} is not in use")
         remove(self._id_index, row)
         self.id_of[row] = None
         self.in_use[row] = False

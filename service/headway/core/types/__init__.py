@@ -1,1 +1,1 @@
-"""Values that pass between rooms."""
+"""Values that pass between the layers."""

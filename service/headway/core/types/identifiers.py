@@ -1,4 +1,4 @@
-"""Identifiers as a column of numbers: compared without an object for any of them."""
+"""Identifiers as a column of numbers, compared without a Python object for each."""
 
 from collections.abc import Sequence
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from headway.core.types.batch import Ids
 
 ID_BYTES = 64
-"""The longest identifier."""
+"""Length of the longest identifier."""
 
 
 ID_WORDS = ID_BYTES // 8
@@ -19,7 +19,7 @@ WORD_BITS = 64
 
 
 Words = NDArray[np.uint64]
-"""(B, 8) the bytes of names, eight at a time; NUL after the end, and all of it where there is no name."""
+"""(B, 8) the bytes of identifiers, eight in each word, padded with NUL; all NUL for none."""
 
 
 def id_column(ids: Sequence[str | None]) -> Ids:
@@ -28,13 +28,13 @@ def id_column(ids: Sequence[str | None]) -> Ids:
 
 
 def id_words(column: Ids) -> Words:
-    """Return a view of names."""
+    """Return a view (B, 8) of a column of identifiers."""
     return column.view(np.uint64).reshape(-1, ID_WORDS)
 
 
 @njit(cache=True)
 def same(one: Words, i: int, other: Words, j: int) -> bool:
-    """Whether name `i` of the one (A, 8) equals name `j` of the other (B, 8)."""
+    """Whether identifier `i` of `one` (A, 8) equals identifier `j` of `other` (B, 8)."""
     for k in range(ID_WORDS):
         if one[i, k] != other[j, k]:
             return False

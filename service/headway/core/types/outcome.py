@@ -1,8 +1,8 @@
-"""What can become of a message: a closed set, and each name is the label of a metric.
+"""The outcomes of a record: a closed set, and each name is the label of a metric.
 
-Every record that arrives ends in exactly one `Outcome`. `SCORED` and `WARMING` come from the filter; the rest are
-rejections, each with the reason as its name. Numbers are only for arrays; names are the contract, and a retired name
-is never used again.
+Each record that arrives has exactly one `Outcome`. `SCORED` and `WARMING` come from the filter; the others are
+rejections, and the name is the reason. The numbers are for arrays only. The names are the contract: a retired name is
+never used again.
 """
 
 from enum import IntEnum, unique
@@ -15,7 +15,7 @@ class Outcome(IntEnum):
     SCORED = 0
     WARMING = 1
 
-    # Named by the codec, from the bytes alone.
+    # By the codec, from the bytes alone.
     MALFORMED = 10
     WRONG_VERSION = 11
     OUT_OF_RANGE = 12
@@ -28,20 +28,20 @@ class Outcome(IntEnum):
     PAYLOAD_TOO_LARGE = 19
     UNKNOWN_ENCODING = 20
 
-    # Named by the core, from what came before.
+    # By the core, from the state of the sender.
     TOO_OLD = 30
     FROM_THE_FUTURE = 31
     DUPLICATE = 32
     OUT_OF_ORDER = 33
     TABLE_FULL = 34
 
-    # Named by the shell, when more comes in than can be judged.
+    # By the loop, under overload.
     SHED = 40
     STALE = 41
 
     @property
     def label(self) -> str:
-        """Lower-case name: metric label, key chunk of the rejected topic, JSON key of a ledger."""
+        """The name in lower case: metric label, key chunk of the rejected topic, JSON key."""
         return self.name.lower()
 
     @property
@@ -51,6 +51,6 @@ class Outcome(IntEnum):
 
 
 LOSSES = (Outcome.SHED, Outcome.STALE)
-"""Records that nobody looked at: too many waited, or they waited for too long."""
+"""Records dropped before decoding: the queue was full, or they waited for too long."""
 
 REJECTIONS = tuple(o for o in Outcome if o.is_rejection)

@@ -1,4 +1,4 @@
-"""What goes into a row kernel and what comes out of it.
+"""The input and the output of a row kernel.
 
 Both are numpy records: a column has a name in Python and in the compiled kernels alike.
 """
@@ -16,7 +16,7 @@ READING = np.dtype(
         ("t_s", "f8"),  # event time, s of Unix time
         ("x_m", "f8"),  # follower's location along its own path
         ("v_mps", "f8"),
-        ("leader_t_s", "f8"),  # event time of the leader's sample; NaN: nobody ahead
+        ("leader_t_s", "f8"),  # event time of the leader's sample; NaN: no leader
         ("leader_x_m", "f8"),  # leader's front, in the follower's coordinate
         ("leader_v_mps", "f8"),
         ("leader_length_m", "f8"),
@@ -25,11 +25,11 @@ READING = np.dtype(
     ],
     align=True,
 )
-"""One message to judge: z = [x, v] and the input u = [x_leader, v_leader], each with its own time."""
+"""One message: the measurement z = [x, v] and the input u = [x_leader, v_leader], each with its own time."""
 
 VERDICT = np.dtype(
     [
-        ("nis", "f8"),  # nu' S^-1 nu of the healthy hypothesis
+        ("nis", "f8"),  # nu' S^-1 nu of the healthy mode
         ("statistic", "f8"),  # what is compared with the gate
         ("gate", "f8"),
         ("p_value", "f8"),
@@ -44,17 +44,17 @@ VERDICT = np.dtype(
         ("confidence", "f8"),  # of the kind, 0..1
         ("anomalous", "?"),
         ("warming", "?"),
-        ("repaired", "?"),  # the covariance guard had to act
-        ("restarted", "?"),  # the filter began anew from the reading
+        ("repaired", "?"),  # the covariance was repaired
+        ("restarted", "?"),  # the filter was initialised from the reading
     ],
     align=True,
 )
-"""What the filter says of one reading."""
+"""The result for one reading."""
 
 
 @unique
 class Sensor(IntEnum):
-    """Which reading cannot be true."""
+    """The faulty sensor."""
 
     NONE = 0
     LOCATION = 1
@@ -64,13 +64,13 @@ class Sensor(IntEnum):
 
     @property
     def label(self) -> str:
-        """The word on the wire."""
+        """The name on the wire."""
         return self.name.lower()
 
 
 @unique
 class Kind(IntEnum):
-    """How it is wrong: the paper's kinds, absence, and lies that agree with themselves."""
+    """The kind of the fault: those of the paper, absence, and self-consistent faults."""
 
     NONE = 0
     SHORT = 1
@@ -78,10 +78,10 @@ class Kind(IntEnum):
     BIAS = 3
     DRIFT = 4
     MISS = 5
-    RESPONSE = 6  # does not answer the car ahead as its driver does
-    RANGE = 7  # contradicts the forward sensor of the car behind
+    RESPONSE = 6  # does not respond to the leader as its driver does
+    RANGE = 7  # contradicts the forward sensor of the follower
 
     @property
     def label(self) -> str:
-        """The word on the wire."""
+        """The name on the wire."""
         return self.name.lower()

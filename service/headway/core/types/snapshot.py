@@ -1,4 +1,4 @@
-"""What an engine knows of some vehicles, as values: enough for another engine to go on with them."""
+"""The state of some vehicles of an engine as values, from which another engine continues."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,22 +11,22 @@ from headway.core.types.batch import I64
 
 
 class OpenEvent(NamedTuple):
-    """An event under way."""
+    """An open event."""
 
     row: int
     event_id: str
     kind: int
     sensor: int
     updated_us: int
-    """Event time of the last statement."""
+    """Event time of the last event update."""
     changed: bool
-    """Whether kind or sensor have become others since."""
+    """Whether kind or sensor changed since."""
     readings_below_gate: int
-    """Readings without an alarm since the last one with."""
+    """In a row, up to now."""
 
 
 class OpenMiss(NamedTuple):
-    """A miss under way."""
+    """An open miss."""
 
     row: int
     event_id: str
@@ -34,23 +34,23 @@ class OpenMiss(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Snapshot:
-    """Some vehicles of an engine. Only an engine of the same configuration and the same core can go on with them.
+    """Some vehicles of an engine; only an engine of the same configuration and the same core can restore them.
 
-    Evidence is left out: it begins anew at the rows as they are here, so that what is stated later can be replayed.
+    Evidence is not included. After a restore it starts at the restored rows, so later event updates can be replayed.
     """
 
     rows: I64
     """(n,) rows of the vehicles."""
     ids: list[str]
     tables: dict[str, NDArray[Any]]
-    """(n,) of each table by its name, copies."""
+    """Copies (n,) of the rows of each table, by its name."""
     events: list[OpenEvent]
     pair_events: list[OpenEvent]
     misses: list[OpenMiss]
 
 
 def concatenate(parts: Sequence[Snapshot]) -> Snapshot:
-    """Return one snapshot of all the vehicles in `parts`, of which there is at least one."""
+    """Return one snapshot of the vehicles of all `parts`, at least one."""
     return Snapshot(
         rows=np.concatenate([part.rows for part in parts]),
         ids=[name for part in parts for name in part.ids],

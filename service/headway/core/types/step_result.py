@@ -1,4 +1,4 @@
-"""What one step of the engine tells the shell."""
+"""The result of one step of the engine."""
 
 from dataclasses import dataclass, field
 from enum import StrEnum, unique
@@ -21,11 +21,10 @@ class Phase(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Evidence:
-    """Enough to compute the verdict again: a row's state some readings ago, and every reading since.
+    """The input that reproduces a verdict: a row's state some readings ago, and each reading since.
 
-    `checkpoint` is the bank row (`Detectors.dtype`) before `readings[0]`; `readings` (n,) has dtype READING, oldest
-    first, the judged one last; `leaders` (n,) is the row of whom the vehicle followed then, -1 for nobody: a row of
-    another number is another leader, no more is read from it.
+    `checkpoint` is the bank row (`Detectors.dtype`) before `readings[0]`. `readings` (n,) has dtype READING, oldest
+    first. `leaders` (n,) is the row of the leader at each reading, -1 for none; only a change of the number matters.
     """
 
     checkpoint: Records
@@ -35,7 +34,7 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnomalyEvent:
-    """One statement about one suspect; `event_id` is the same from onset to cleared."""
+    """An event update about one suspect; `event_id` is the same from onset to cleared."""
 
     event_id: str
     phase: Phase
@@ -46,7 +45,7 @@ class AnomalyEvent:
     leader: str | None
     follower: str
     t_us: int
-    """Event time of the reading that caused this statement."""
+    """Event time of the reading that caused this update."""
     received_us: int
     nis: float
     gate: float
@@ -55,9 +54,9 @@ class AnomalyEvent:
     nu: tuple[float, float]
     """Innovation of location (m) and speed (m/s)."""
     recovered: tuple[float, float, float, float]
-    """x_m, v_mps, x_std_m, v_std_mps of the estimate that stands in for the reading."""
+    """x_m, v_mps, x_std_m, v_std_mps of the estimate that replaces the reading."""
     evidence: Evidence | None
-    """None for a miss: there is no reading to show."""
+    """None for a miss, which has no reading."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +69,9 @@ class StepResult:
     nis: F64 = field(default_factory=lambda: np.empty(0))
     """nis of the scored readings, for the consistency metric."""
     anomalous: int = 0
-    """Scored readings beyond the gate."""
+    """Scored readings with a statistic above the gate."""
     sequence_gaps: int = 0
-    """Messages that the senders' counters say were sent and never came."""
+    """Messages lost before those of this step, by the senders' counters."""
     repairs: int = 0
     restarts: int = 0
     evicted: int = 0
@@ -109,7 +108,7 @@ class StepTally:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PairStates:
-    """A snapshot of vehicles as columns, for the state topic and queries."""
+    """The state of vehicles as columns, for the state topic and queries."""
 
     followers: list[str]
     leaders: list[str | None]
