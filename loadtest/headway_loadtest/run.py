@@ -185,7 +185,7 @@ def _is_quiet(received: Received, instance: str, ended_ns: int) -> bool:
         for report in received.health
         if report.instance == instance and report.received_ns > ended_ns + QUIET_S * 1e9 / 2
     ]
-    return len(counters) >= 2 and not counters[-1].queued and counters[-1].outcomes == counters[-2].outcomes
+    return len(counters) > 1 and not counters[-1].queued and counters[-1].outcomes == counters[-2].outcomes
 
 
 def _outcome(played: _Run, labels: list[Label], plan: Plan) -> Outcome:

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Annotated, Any, Final, Self
 
 from pydantic import Field, model_validator
+from pydantic.fields import FieldInfo
 
 from headway_schemas.fields import Id, Message, TUs
 
@@ -18,8 +19,9 @@ WIRE_VERSION: Final = 1
 
 def _si(
     unit: str, *, ge: float | None = None, gt: float | None = None, le: float | None = None, lt: float | None = None
-) -> Any:
-    return Field(ge=ge, gt=gt, le=le, lt=lt, allow_inf_nan=False, json_schema_extra={"unit": unit})
+) -> FieldInfo:
+    info: FieldInfo = Field(ge=ge, gt=gt, le=le, lt=lt, allow_inf_nan=False, json_schema_extra={"unit": unit})
+    return info
 
 
 Version = Annotated[int, Field(ge=WIRE_VERSION, le=WIRE_VERSION, json_schema_extra={"const": WIRE_VERSION})]

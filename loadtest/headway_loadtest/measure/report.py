@@ -14,6 +14,8 @@ from headway_loadtest.measure.overload import Surged
 from headway_loadtest.measure.percentiles import Percentiles
 from headway_loadtest.measure.result import Outcome
 
+SECONDS_FROM_S = 0.1
+"""Shorter durations are shown in milliseconds."""
 GENERATOR_LATE_MS = 5.0
 """A generator that is later than this one time in a hundred says so."""
 
@@ -245,7 +247,7 @@ def _surge(surged: Surged) -> str:
 def _duration(seconds: float | None) -> str:
     if seconds is None:
         return "-"
-    return f"{seconds:.1f} s" if seconds >= 0.1 else f"{seconds * 1e3:.0f} ms"
+    return f"{seconds:.1f} s" if seconds >= SECONDS_FROM_S else f"{seconds * 1e3:.0f} ms"
 
 
 def _rounded(value: float | None) -> float | None:

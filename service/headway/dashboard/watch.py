@@ -24,6 +24,10 @@ REFRESH_S: Final = 0.5
 _ALERTS_SHOWN: Final = 12
 _HISTORY_ATTEMPTS: Final = 20
 _HEALTH_EVERY_US: Final = 10_000_000
+_OPEN_US: Final = 60_000_000
+"""An event without an update for longer is shown as over."""
+_WHOLE_FROM: Final = 10_000
+"""Larger numbers are shown without decimals."""
 _STYLES: Final = {"anomalous": "bold red", "silent": "magenta", "warming": "bright_black", "normal": "cyan"}
 _URGENCY: Final = tuple(_STYLES)
 
@@ -57,7 +61,7 @@ def watch(
         if live:
             _show(watcher, console, ended)
         else:
-            _print_lines(watcher, as_json, ended)
+            _print_lines(watcher, ended, as_json=as_json)
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:
@@ -102,7 +106,7 @@ class Watcher:
             self._caught_up, self._attempts = connection.connections, 0
 
 
-def _print_lines(watcher: Watcher, as_json: bool, ended: threading.Event) -> None:
+def _print_lines(watcher: Watcher, ended: threading.Event, *, as_json: bool) -> None:
     health_printed_us = 0
     while not ended.is_set():
         changes = watcher.refresh()
@@ -187,7 +191,7 @@ def _alerts(view_state: ViewState, now_us: int) -> Table:
     table = _table("alert", "site", "kind", "sensor", "suspect", "behind", "statistic", "gate", "")
     newest = {event.event_id: event for event in sorted(view_state.updates, key=lambda event: event.detected_us)}
     for event in sorted(newest.values(), key=lambda event: event.detected_us, reverse=True)[:_ALERTS_SHOWN]:
-        open_now = event.phase != "cleared" and now_us - event.detected_us < 60_000_000
+        open_now = event.phase != "cleared" and now_us - event.detected_us < _OPEN_US
         table.add_row(
             _clock(event.detected_us), event.site, event.kind, event.sensor, event.suspect, event.leader or "-",
             _number(event.statistic), _number(event.gate), event.phase, style=_STYLES["anomalous"] if open_now else "",
@@ -236,7 +240,7 @@ def _behind(leader: str | None) -> str:
 
 
 def _number(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}" if abs(value) < 10_000 else f"{value:.0f}"
+    return "-" if value is None else f"{value:.4g}" if abs(value) < _WHOLE_FROM else f"{value:.0f}"
 
 
 def _clock(us: int) -> str:

@@ -31,6 +31,8 @@ _IDLE_UNLESS_WAITING: Final = 64
 _QUIET_NS: Final = 1_000_000_000
 _QUIET_IDLE_FACTOR: Final = 10
 """After `_QUIET_NS` without a message the pause is this many times longer."""
+_COPIES_NS: Final = 1_000_000_000
+"""`rejected_rate_hz` counts copies within this time."""
 _COLLECT_IDLE_NS: Final = 10_000_000_000
 _COLLECT_NS: Final = 60_000_000_000
 
@@ -161,7 +163,7 @@ class ServiceLoop:
         by_core = np.flatnonzero(result.outcomes > _WARMING)
         if not (decoded.rejections or by_core.size):
             return
-        if now_ns - self._copies_ns >= 1_000_000_000:
+        if now_ns - self._copies_ns >= _COPIES_NS:
             self._copies_ns = now_ns
             self._copies.clear()
         for rejection in decoded.rejections:

@@ -91,7 +91,7 @@ def to_json(explained: Sequence[Explained]) -> dict[str, Any]:
     }
 
 
-def _compared(event: Event, verdict: Any) -> list[Number]:
+def _compared(event: Event, verdict: np.void) -> list[Number]:
     """Compare the values of an update with the verdict on its last reading.
 
     Two values do not follow from a single row and are left out: suspect and confidence of a test between two cars, and
@@ -116,7 +116,7 @@ def _compared(event: Event, verdict: Any) -> list[Number]:
     return numbers
 
 
-def _finite(value: Any) -> float | None:
+def _finite(value: float) -> float | None:
     """Return a number as the wire has it: None where it is not finite."""
     return float(value) if np.isfinite(value) else None
 

@@ -1,6 +1,10 @@
 """The compiled reader of compact records, held against msgpack and the model: it reads what they read, or leaves it."""
 
+import os
 import struct
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -111,7 +115,42 @@ def test_whatever_bytes_come_nothing_breaks(payloads: list[bytes]) -> None:
     assert made is None or made.sizes.sum() == len(made.ids)
 
 
-def test_a_turn_with_an_odd_message_says_the_same_of_the_others() -> None:
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([msgpack.packb(FULL), msgpack.packb([FULL, record()]), msgpack.packb(record()[:7])]),
+            st.lists(st.tuples(st.integers(0, 200), st.integers(0, 255)), max_size=4),
+            st.integers(0, 400),
+        ),
+        min_size=1,
+        max_size=3,
+    )
+)
+def test_a_damaged_message_breaks_nothing(damaged: list[tuple[bytes, list[tuple[int, int]], int]]) -> None:
+    payloads = []
+    for whole, changes, size in damaged:
+        payload = bytearray(whole)
+        for place, byte in changes:
+            payload[place % len(payload)] = byte
+        payloads.append(bytes(payload[:size]))
+    made = read(*payloads)
+    assert made is None or made.sizes.sum() == len(made.ids)
+
+
+def test_no_array_is_indexed_beyond_its_bounds(tmp_path: Path) -> None:
+    """The kernel is compiled without bounds checks; here the tests above and the fuzz tests run with them."""
+    if "NUMBA_BOUNDSCHECK" in os.environ:
+        return
+    tests = [__file__, Path(__file__).parents[2] / "property" / "test_codec_fuzz.py"]
+    environment = {**os.environ, "NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(tmp_path)}
+    checked = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-x", *map(str, tests)],
+        env=environment, cwd=Path(__file__).parents[3], capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_a_batch_with_an_odd_message_decodes_the_others_alike() -> None:
     codec, odd = Codec(KEYS), received(b"\xc1")
     usual = [received(record(f"car{n}"), f"car{n}") for n in range(5)]
     slow = codec.decode([*usual, odd])

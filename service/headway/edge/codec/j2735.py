@@ -17,6 +17,7 @@ from headway_schemas.bsm import WIRE_VERSION
 _WRAPPERS: Final = ("payload", "data", "value", "BasicSafetyMessage", "coreData")
 _INTEGER_MAX: Final = 2**53
 """Far beyond every range, and still a double."""
+_ACCEL_UNAVAILABLE: Final = 2001
 _MINUTE_US: Final = 60_000_000
 _SEC_MARK_UNAVAILABLE: Final = 65535
 _SEC_MARK_MAX: Final = 60999
@@ -42,7 +43,7 @@ def from_raw(message: object, received_us: int) -> list[Any] | RejectReason:
         _scaled(core.get("speed"), 50, unavailable=8191),
         _scaled(core.get("heading"), 80, unavailable=28800),
         _scaled(core.get("elev"), 10, unavailable=-4096),
-        _scaled(_part(core, "accelSet").get("long"), 100, unavailable=2001),
+        _scaled(_part(core, "accelSet").get("long"), 100, unavailable=_ACCEL_UNAVAILABLE),
         _scaled(_part(core, "accuracy").get("semiMajor"), 20, unavailable=255),
         _scaled(size.get("length"), 100, unavailable=0),
         _scaled(size.get("width"), 100, unavailable=0),
@@ -69,7 +70,7 @@ def from_ode(message: object, received_us: int) -> list[Any] | RejectReason:
         core.get("speed"),
         core.get("heading"),
         position.get("elevation"),
-        None if accel_mps2 == 2001 else accel_mps2,
+        None if accel_mps2 == _ACCEL_UNAVAILABLE else accel_mps2,
         _part(core, "accuracy").get("semiMajor"),
         _scaled(size.get("length"), 100, unavailable=0),
         _scaled(size.get("width"), 100, unavailable=0),
