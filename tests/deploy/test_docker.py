@@ -15,7 +15,6 @@ from compose_spec import PyCompose
 from deploy.dockerfile import BUILD, FINAL, environment, said
 from deploy.manifest import ROOT, names_no_registry, parse_command, settings_of
 
-from headway.core.engine import Engine
 from headway.core.estimation.registry import MODELS
 from headway.core.types.config import DetectorConfig
 from headway.settings import Settings
@@ -86,7 +85,15 @@ def test_kernels_are_compiled_as_they_are_run() -> None:
 
 def test_kernels_of_every_model_and_delay_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
     compiled: set[tuple[str, float]] = set()
-    monkeypatch.setattr(Engine, "warm_up", lambda self: compiled.add((self._config.model, self._config.delay_s)))
+
+    class RecordingEngine:
+        def __init__(self, config: DetectorConfig) -> None:
+            self.config = config
+
+        def warm_up(self) -> None:
+            compiled.add((self.config.model, self.config.delay_s))
+
+    monkeypatch.setattr("headway.core.engine.Engine", RecordingEngine)
     monkeypatch.setattr(sys, "argv", ["compile_kernels.py", "0.5", "1.5"])
     runpy.run_path(str(DOCKER / "compile_kernels.py"))
     assert compiled == {(model, delay_s) for model in MODELS for delay_s in (0.5, 1.5)}
