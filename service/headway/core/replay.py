@@ -62,7 +62,7 @@ def replay(evidence: Evidence, config: DetectorConfig) -> Replay:
     return Replay(verdicts, pair_verdicts(pair_tests, verdicts))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _step_pair_tests(pair_tests: Any, leaders: Any, readings: Any, p: Any, verdicts: Any) -> None:
     """Step row 0 of `pair_tests` through the readings."""
     for i in range(readings.size):

@@ -59,7 +59,7 @@ class Findings:
     delay_s: list[float] = field(default_factory=list)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def drive(links: Any, readings: Any, leaders: Any, p: PairTestParams, verdicts: Any) -> None:
     """Take readings (n, m) through the link tests, moment by moment, the car ahead first."""
     rows = np.arange(leaders.size)

@@ -74,7 +74,7 @@ def corrupt(follower: Follower, severity: float, seed: int) -> Corrupted:
     return Corrupted(made, lies.anomalous)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follow(leader_x_m: F64, leader_v_mps: F64, lag_samples: F64, slip_mps: F64, p: IdmParams) -> tuple[F64, F64]:
     """Return location and speed, (n,) each: v += dt f_v, x += dt (v + slip) with the new speed, v never below zero.
 

@@ -59,7 +59,7 @@ def run(
     return judged
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def judge(
     row: Any, readings: Any, p: FilterParams, true_x_m: F64, true_v_mps: F64, oracle: bool, constant: bool, judged: Any
 ) -> None:
@@ -75,7 +75,7 @@ def judge(
             judged[k].v_mps = true_v_mps[k]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def flatten_history(row: Any, delay_s: float) -> None:
     """Write the present estimate over the whole past that the next prediction can see."""
     row.own_count = 0
@@ -83,7 +83,7 @@ def flatten_history(row: Any, delay_s: float) -> None:
     push_own(row, row.t_s)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams, room: Any) -> None:
     """Update with the truth as the reading, then set s so that H s is the truth, in the newest memory as well.
 

@@ -34,13 +34,13 @@ FAULT_LOG_ODDS = np.dtype([("log_odds", "f8"), ("t_s", "f8")], align=True)
 """Log odds of a fault in a pair; all zeros is a pair without a reading."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def decayed(log_odds: float, updated_s: float, t_s: float) -> float:
     """Return at `t_s` the log odds that were updated at `updated_s`."""
     return log_odds * exp(-max(t_s - updated_s, 0.0) / FADE_S)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def accumulate(pair_fault: Any, log_likelihood_ratio: float, weight: float, t_s: float) -> None:
     """Add the log-likelihood ratio of a reading to FAULT_LOG_ODDS; `weight` is below 1 where readings overlap."""
     previous = decayed(pair_fault.log_odds, pair_fault.t_s, t_s)
@@ -51,13 +51,13 @@ def accumulate(pair_fault: Any, log_likelihood_ratio: float, weight: float, t_s:
     pair_fault.t_s = t_s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def is_recent(pair_fault: Any, t_s: float) -> bool:
     """Whether the pair had a reading within FADE_S."""
     return bool(t_s - pair_fault.t_s <= FADE_S)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def follower_log_odds(behind: Any, ahead: Any, follower_surprise: float, leader_surprise: float, t_s: float) -> float:
     """Return the log odds that the fault is the follower's, not the leader's; `behind`, `ahead`: FAULT_LOG_ODDS."""
     surprise, neighbours = follower_surprise - leader_surprise, 0.0

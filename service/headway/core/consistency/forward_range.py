@@ -59,14 +59,14 @@ class RangingParams(NamedTuple):
     """Time above the gate after which the pair is learnt again: the sensor sees another vehicle or was moved."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ranging_reset_leader(row: Any) -> None:
     """Reset for another leader, whose offsets differ."""
     row.learning_time_s = 0.0
     row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def initialise(row: Any, t_s: float) -> None:
     """Initialise a pair; the tail of its statistic stays."""
     row.learning_time_s, row.t_s, row.exceedance_time_s = 0.0, t_s, 0.0
@@ -76,7 +76,7 @@ def initialise(row: Any, t_s: float) -> None:
     row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ranging_step(row: Any, z: Any, p: RangingParams, check: Any) -> None:
     """Update one RANGING row with one READING and write the CHECK; `warming` without a leader or a range."""
     check.statistic, check.p_value = 0.0, 1.0

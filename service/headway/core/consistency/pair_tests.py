@@ -63,7 +63,7 @@ def pair_test_params(budget_per_hour: float) -> PairTestParams:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_pair(pair_test: Any, leader: int, z: Any, p: PairTestParams, verdict: Any) -> None:
     """Run both tests of one row (PAIR_TESTS) with `leader` (-1: none) on one READING; write all but the suspect.
 
@@ -84,7 +84,7 @@ def step_pair(pair_test: Any, leader: int, z: Any, p: PairTestParams, verdict: A
         verdict.kind = RESPONSE_KIND
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: PairTestParams, verdicts: Any) -> None:
     """Test a round: distinct `rows` (B,) with `leaders` (B,), -1 for none, `readings` and `verdicts` (B,).
 
@@ -108,20 +108,20 @@ def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: 
         verdict.follower_log_odds = pair_test.log_odds
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def propagate(pair_fault: Any, behind: Any) -> None:
     """Copy the fault log odds of a pair to its leader's row."""
     behind.log_odds, behind.t_s = pair_fault.log_odds, pair_fault.t_s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hold_attribution(pair_test: Any, log_odds: float, t_s: float) -> None:
     """Set the attribution of a pair, unless a stronger recent one is in force."""
     if abs(log_odds) >= abs(decayed(pair_test.log_odds, pair_test.log_odds_updated_s, t_s)):
         pair_test.log_odds, pair_test.log_odds_updated_s = log_odds, t_s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def substitute_rejected(readings: Any, verdicts: Any) -> Any:
     """Return the `readings` (B,) with the recovered values of the sensors that the model's `verdicts` reject."""
     substituted = readings.copy()

@@ -125,7 +125,7 @@ class ResponseParams(NamedTuple):
     """A longer gap resets the sums; what was learnt stays."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def response_reset_leader(row: Any) -> None:
     """Reset the sums for another leader; what was learnt of the driver stays."""
     row.ticks, row.statistic, row.exceedance_time_s = 0, 0.0, 0.0
@@ -133,7 +133,7 @@ def response_reset_leader(row: Any) -> None:
     row.pair_fault.log_odds, row.pair_fault.t_s = 0.0, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def push(ring: Any, newest: float) -> None:
     """Put `newest` first and drop the last."""
     for k in range(ring.size - 1, 0, -1):
@@ -141,7 +141,7 @@ def push(ring: Any, newest: float) -> None:
     ring[0] = newest
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def store_regressors(row: Any, z: Any, gap_m: float) -> None:
     """Store the regressors of this tick for the next."""
     gap = max(gap_m, GAP_FLOOR_M)
@@ -155,7 +155,7 @@ def store_regressors(row: Any, z: Any, gap_m: float) -> None:
     row.ticks += 1
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sums(row: Any) -> Any:
     """Return (measured, predicted) of step, dip and drift, m/s."""
     measured, predicted, measured_before, predicted_before = 0.0, 0.0, 0.0, 0.0
@@ -171,13 +171,13 @@ def sums(row: Any) -> Any:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def answer_spread_ms(measured: float, predicted: float) -> float:
     """Return the variance that comes with the manoeuvre that was answered, (m/s)^2."""
     return (ANSWER_SPREAD * min(abs(measured), abs(predicted))) ** 2 if measured * predicted > 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def is_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
     """Return whether the reported speeds of follower and leader are constant."""
     follower, leader = True, True
@@ -187,7 +187,7 @@ def is_still(row: Any, p: ResponseParams) -> tuple[bool, bool]:
     return follower, leader
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def update_statistic(row: Any, p: ResponseParams) -> None:
     """Write statistic, gate and motion surprises from the sums."""
     row.gate = alarm_gate.gate(row.tail, p.budget)
@@ -206,7 +206,7 @@ def update_statistic(row: Any, p: ResponseParams) -> None:
         row.leader_surprise += max(log(FROZEN_SHARE / max(row.still_share[1], STILL_SHARE_MIN)), 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def accumulate_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> None:
     """Add the log-likelihood ratio of the step, unrelated motion against response, to the fault log odds."""
     measured, predicted = sums(row)[0]
@@ -216,7 +216,7 @@ def accumulate_answer(row: Any, t_s: float, dt_s: float, p: ResponseParams) -> N
     accumulate(row.pair_fault, 0.5 * (answer - unrelated), dt_s / (SPAN * p.tick_s), t_s)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
     """Learn the spreads of motion and residual; each square is clipped at OUTLIER standard deviations."""
     share = dt_s / min(p.spread_s + row.learning_time_s, p.memory_s)
@@ -229,7 +229,7 @@ def learn_spread(row: Any, dt_s: float, p: ResponseParams) -> None:
         row.natural_ms[which] += share * (min(measured**2, OUTLIER**2 * (natural + floor)) - natural)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
     """Run one step of the regression: predict, compare, test, learn."""
     leader_dt_s = z.leader_t_s - row.leader_t_s
@@ -275,7 +275,7 @@ def tick(row: Any, z: Any, dt_s: float, p: ResponseParams) -> None:
         ridge_solve(row.A, row.b, p.ridge_s, MEAN_DRIVER, row.theta)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def response_step(row: Any, z: Any, p: ResponseParams, check: Any) -> None:
     """Update one RESPONSE row with one READING and write the CHECK.
 

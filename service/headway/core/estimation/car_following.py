@@ -33,14 +33,14 @@ class IdmParams(NamedTuple):
     T_s: float = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def power(base: float, exponent: float) -> float:
     """Return base ** exponent; for the usual exponent of 4 without the library's, which is a third of all of `idm`."""
     square = base * base
     return square * square if exponent == 4.0 else float(base**exponent)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def idm(gap_m: float, v_mps: float, v_leader_mps: float, p: IdmParams) -> tuple[float, float, float, float]:
     """Return f_v and its gradient (df/dx, df/dv, df/dv_leader), in m/s^2 per m and per m/s; df/dx_leader = -df/dx.
 

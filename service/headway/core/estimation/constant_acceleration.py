@@ -26,6 +26,7 @@ from headway.core.estimation.kinematics import (
     update_scalar,
 )
 from headway.core.statistics.fault_shape import EPISODE, close, kind_of, take
+from headway.core.statistics.innovation import nis_2d
 from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Sensor
 
@@ -69,7 +70,7 @@ def ca_params(config: DetectorConfig) -> CaParams:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reject(row: Any, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: CaParams, verdict: Any) -> None:
     """Name sensor and kind of a rejected reading."""
     verdict.sensor = isolate(nu_x, nu_v, s_xx, s_vv, p.sensor_gate)
@@ -81,7 +82,7 @@ def reject(row: Any, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: CaPa
         verdict.kind, verdict.confidence = kind_of(row.episode, p.r_x)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
     """Judge one reading (READING) against one row (CA), in place, and write the VERDICT."""
     m = row.estimate.m
@@ -97,7 +98,7 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
         predict(row.estimate, dt_s, p.jerk, 0.0)
         nu_x, nu_v = z.x_m - m[PX, 0], z.v_mps - m[VX, 0]
         s_xx, s_xv, s_vv = m[XX, 0] + p.r_x, m[XV, 0], m[VV, 0] + p.r_v
-        nis = (s_vv * nu_x**2 - 2.0 * s_xv * nu_x * nu_v + s_xx * nu_v**2) / (s_xx * s_vv - s_xv**2)
+        nis = nis_2d(nu_x, nu_v, s_xx, s_xv, s_vv, p.r_v)
         verdict.anomalous = row.count >= p.warming_readings and nis > p.gate
         if verdict.anomalous:
             reject(row, nu_x, nu_v, s_xx, s_vv, p, verdict)
@@ -125,7 +126,7 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
     verdict.x_std_m, verdict.v_std_mps = sqrt(m[XX, 0]), sqrt(m[VV, 0])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_batch(bank: Any, rows: Any, readings: Any, p: CaParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
     for i in range(rows.size):

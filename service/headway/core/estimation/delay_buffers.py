@@ -28,7 +28,7 @@ def input_ring(delay_s: float) -> list[tuple[str, str] | tuple[str, str, tuple[i
     return [("input_count", "i8"), ("input_t", "f8", (k,)), ("input_u", "f8", (k, 2))]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _slot(times: Any, count: int) -> int:
     """Index that a new entry takes: the newest one's own when that stands too close to the one before it.
 
@@ -40,7 +40,7 @@ def _slot(times: Any, count: int) -> int:
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def push_own(row: Any, t: float) -> None:
     """Remember the row's present estimate as that of time `t`."""
     at = _slot(row.own_t, row.own_count)
@@ -51,7 +51,7 @@ def push_own(row: Any, t: float) -> None:
     row.own_P[k, :, :] = row.P
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def push_input(row: Any, t: float, rear_x_m: float, v_mps: float) -> None:
     """Remember the leader's sample, under its own time stamp; older ones than the newest are ignored."""
     if row.input_count > 0 and t <= row.input_t[(row.input_count - 1) % row.input_t.size]:
@@ -64,7 +64,7 @@ def push_input(row: Any, t: float, rear_x_m: float, v_mps: float) -> None:
     row.input_u[k, 1] = v_mps
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
     """Return slots (i, j) of the entries around `t` and the weight of j; i == j outside the ring."""
     size = times.size
@@ -79,7 +79,7 @@ def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
     return j, j, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def own_at(row: Any, t: float, s: Any, P: Any) -> None:
     """Write estimate and covariance of time `t` into the first n of `s` and `P`.
 
@@ -95,7 +95,7 @@ def own_at(row: Any, t: float, s: Any, P: Any) -> None:
         s[0] -= s[1] * (row.own_t[i] - t)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def input_at(row: Any, t: float) -> tuple[float, float, float]:
     """Return (location of the leader's rear, v_leader, a_leader) at time `t`; NaN where nobody was ahead.
 

@@ -22,6 +22,7 @@ from numba import njit
 from headway.core.estimation.car_following import IdmParams, idm
 from headway.core.estimation.delay_buffers import input_at, own_at, push_input, push_own
 from headway.core.statistics.fault_shape import close, kind_of, take
+from headway.core.statistics.innovation import conditional_variance, nis_2d
 from headway.core.types.records import Sensor
 
 SUBSTEP_S = 0.1
@@ -74,7 +75,7 @@ ROOM = np.dtype(
 """What a step works in, for a state of at most three. Parts of a record are not counted references, as arrays are."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any) -> None:
     """Write g and F P + P F' + Q into the first n of `ds` and `dP`, for s, P and the input of time `at`."""
     n = row.s.size
@@ -106,7 +107,7 @@ def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any
         dP[1, 1] += (p.delay_jitter_s * (-f_x * v_leader + f_vl * a_leader)) ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def guard(P: Any) -> bool:
     """Make P symmetric and positive definite in place; return whether more than symmetry had to be mended.
 
@@ -141,7 +142,7 @@ def guard(P: Any) -> bool:
     return True
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None:
     """Add weighted rates to their sums."""
     for a in range(n):
@@ -150,7 +151,7 @@ def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None
             sum_P[a, b] += weight * dP[a, b]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
     """Carry s and P of the row from row.t_s to `t_s`; return whether the covariance guard had to act."""
     n = row.s.size
@@ -193,14 +194,14 @@ def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
     return guard(row.P)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def observed(row: Any) -> tuple[float, float]:
     """H s: what the sensors should read."""
     x = row.s[0] + row.s[2] if row.s.size == 3 else row.s[0]
     return x, row.s[1]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def observed_covariance(row: Any) -> tuple[float, float, float]:
     """H P H' as (location, covariance, speed)."""
     P = row.P
@@ -209,31 +210,23 @@ def observed_covariance(row: Any) -> tuple[float, float, float]:
     return P[0, 0], P[0, 1], P[1, 1]
 
 
-@njit(cache=True)
-def schur(s_xx: float, s_xv: float, s_vv: float, r_v: float) -> float:
-    """Return the variance of the speed innovation given that of the location: at least r_v, whatever rounding says."""
-    return max(s_vv - s_xv**2 / s_xx, r_v)
-
-
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> tuple[float, float, float, float, float, float]:
     """Return (nu_x, nu_v, S_xx, S_xv, S_vv, nis) of a reading against the prediction in the row."""
     x, v = observed(row)
     c_xx, c_xv, c_vv = observed_covariance(row)
     s_xx, s_xv, s_vv = c_xx + p.r_x, c_xv, c_vv + p.r_v
     nu_x, nu_v = z_x - x, z_v - v
-    unshared = (nu_v - s_xv / s_xx * nu_x) ** 2 / schur(s_xx, s_xv, s_vv, p.r_v)
-    nis = nu_x**2 / s_xx + unshared
-    return nu_x, nu_v, s_xx, s_xv, s_vv, nis
+    return nu_x, nu_v, s_xx, s_xv, s_vv, nis_2d(nu_x, nu_v, s_xx, s_xv, s_vv, p.r_v)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def update(
     row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams, room: Any
 ) -> bool:
     """K = P H' S^-1; s += K nu; P -= K S K'. Return whether the covariance guard had to act."""
     n = row.s.size
-    det = s_xx * schur(s_xx, s_xv, s_vv, p.r_v)
+    det = s_xx * conditional_variance(s_xx, s_xv, s_vv, p.r_v)
     i_xx, i_xv, i_vv = s_vv / det, -s_xv / det, s_xx / det
     PH, K = room.PH, room.K
     for a in range(n):
@@ -248,7 +241,7 @@ def update(
     return guard(row.P)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def begin(row: Any, z: Any, p: FilterParams) -> None:
     """Start the filter at a reading: s = z, delta = 0, P = P0, with an empty past."""
     row.t_s = z.t_s
@@ -264,7 +257,7 @@ def begin(row: Any, z: Any, p: FilterParams) -> None:
     push_own(row, z.t_s)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def hear_leader(row: Any, z: Any) -> None:
     """Take the leader's newest sample into the input ring; nobody ahead is remembered as well."""
     if isnan(z.leader_t_s):
@@ -273,7 +266,7 @@ def hear_leader(row: Any, z: Any) -> None:
         push_input(row, z.leader_t_s, z.leader_x_m - z.leader_length_m, z.leader_v_mps)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def isolate(nu_x: float, nu_v: float, s_xx: float, s_vv: float, sensor_gate: float) -> int:
     """Name the sensor whose own innovation exceeds its gate; both, when both or only their combination do."""
     x_bad = nu_x * nu_x > sensor_gate * s_xx
@@ -283,7 +276,7 @@ def isolate(nu_x: float, nu_v: float, s_xx: float, s_vv: float, sensor_gate: flo
     return LOCATION if x_bad else SPEED
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(row: Any, z: Any, p: FilterParams, verdict: Any, room: Any) -> None:
     """Judge one reading (READING) against one bank row, in place, and write the VERDICT.
 
@@ -337,7 +330,7 @@ def step(row: Any, z: Any, p: FilterParams, verdict: Any, room: Any) -> None:
     verdict.v_std_mps = sqrt(c_vv)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
     """Judge one reading against one row."""
     room = np.zeros(1, ROOM)
@@ -345,7 +338,7 @@ def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
         step(row, z, p, verdict, room[place])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_batch(bank: Any, rows: Any, readings: Any, p: FilterParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
     room = np.zeros(1, ROOM)

@@ -35,7 +35,7 @@ def filters(width: int) -> np.dtype[np.void]:
     return np.dtype([("m", "f8", (SIZE, width)), ("density", "f8", (width,)), ("exponent", "f8", (width,))])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def initialise(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float, a_var: float) -> None:
     """Start lane j at a reading with variances `r_x`, `r_v`, at rest in a, without a lie."""
     m[:, j] = 0.0
@@ -43,21 +43,21 @@ def initialise(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float,
     m[XX, j], m[VV, j], m[AA, j] = r_x, r_v, a_var
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def copy_column(m: Any, into: int, other: Any, j: int) -> None:
     """Overwrite lane `into` of m by lane j of `other`."""
     for i in range(SIZE):
         m[i, into] = other[i, j]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def clear_offset(m: Any, j: int) -> None:
     """Take the lie out of lane j."""
     for i in (OFFSET, SLOPE, XB, XS, VB, VS, AB, AS, BB, BS, SS):
         m[i, j] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_jerk_noise(m: Any, j: int, dt_s: float, q: float) -> None:
     """Add what white jerk of density `q` does to the covariance of lane j in `dt_s`."""
     h = dt_s
@@ -69,7 +69,7 @@ def add_jerk_noise(m: Any, j: int, dt_s: float, q: float) -> None:
     m[AA, j] += q * h
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_speed_jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
     """Add a jump of the speed somewhere within `dt_s`, on average in its middle; a is as good as unknown after it."""
     m[XX, j] += 0.25 * dt_s**2 * v_var
@@ -78,7 +78,7 @@ def add_speed_jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
     m[AA, j] += v_var / dt_s
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def predict(filters: Any, dt_s: float, q: float, random_walk_density: float) -> None:
     """Carry every lane on by `dt_s`: m = F m, P = F P F' + Q, with F the exact solution of the equations above.
 
@@ -120,7 +120,7 @@ def predict(filters: Any, dt_s: float, q: float, random_walk_density: float) -> 
         m[BS, j] = bs
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reset_likelihood(filters: Any) -> None:
     """Forget how likely earlier readings were."""
     for j in range(filters.density.size):
@@ -189,7 +189,7 @@ def update_scalar(
         exponent[j] += w * nu * nu
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def set_offset(m: Any, j: int, sensor: int, z: float, r: float) -> None:
     """Let `sensor`, not yet used at this instant, lie by exactly what its reading `z` differs, of variance P + r."""
     if sensor == Z_POSITION:
@@ -202,13 +202,13 @@ def set_offset(m: Any, j: int, sensor: int, z: float, r: float) -> None:
         m[i, j] = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def likelihood(filters: Any, j: int) -> float:
     """Return how likely the readings since `reset_likelihood` were in lane j."""
     return float(filters.density[j] * exp(-0.5 * filters.exponent[j]))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def repair_covariance(filters: Any) -> bool:
     """Make every lane's covariance positive again; return whether one was not. Takes the room of `density`.
 
@@ -234,7 +234,7 @@ def repair_covariance(filters: Any) -> bool:
     return mended
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True, error_model="numpy", inline="always")
 def moment_match(m: Any, into: int, other: Any, j: int, f: float) -> None:
     """Make lane `into` of m the one Gaussian for a mixture: a share `f` of lane j of `other`, the rest of itself."""
     g = f * (1.0 - f)
@@ -262,7 +262,7 @@ def moment_match(m: Any, into: int, other: Any, j: int, f: float) -> None:
     m[SS, into] += f * (other[SS, j] - m[SS, into]) + g * ds * ds
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def moment_match_weighted(m: Any, into: int, weight: float, other: Any, j: int, weight_j: float) -> float:
     """Fold lane j of `other`, of weight `weight_j`, into lane `into` of m, of `weight`; return the sum of both."""
     total = weight + weight_j

@@ -28,7 +28,7 @@ class EvidenceRings(NamedTuple):
     """(C,) readings so far."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def store_readings(rings: EvidenceRings, bank: Records, rows: I64, readings: Records, leaders: I64) -> None:
     """Store the `readings` and `leaders` (n,) of `rows` (n,); call it before the rows step."""
     size = rings.readings.shape[1]

@@ -16,7 +16,7 @@ LEADER_STALE_S = 1.0
 """A leader's estimate older than this, relative to the follower's reading, is not used: the road counts as free."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def build_readings(tables: Tables, batch: Columns, rows: I64, places: I64, declared_rows: I64) -> tuple[Records, I64]:
     """Return one READING for each of `rows` (n,), and the row of its leader (NO_LEADER: none).
 

@@ -34,7 +34,7 @@ class Classified(NamedTuple):
     restarts: int
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def store(tables: Tables, ingested: Ingested, verdicts: Records) -> NDArray[np.bool_]:
     """Store each row's newest verdict and its event time; return (n,) whether the location is valid."""
     rows, location_valid = ingested.rows, np.empty(ingested.rows.size, np.bool_)
@@ -45,7 +45,7 @@ def store(tables: Tables, ingested: Ingested, verdicts: Records) -> NDArray[np.b
     return location_valid
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def classify(
     tables: Tables, ingested: Ingested, verdicts: Records, pair_verdicts: Records, params: RoundParams
 ) -> Classified:

@@ -31,7 +31,7 @@ class Finalised(NamedTuple):
 _SCORED = np.uint8(Outcome.SCORED)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def finalise(
     tables: Tables,
     ingested: Ingested,

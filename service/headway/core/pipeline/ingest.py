@@ -35,7 +35,7 @@ class Ingested(NamedTuple):
 _SCORED = np.uint8(Outcome.SCORED)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ingest(
     tables: Tables,
     batch: Columns,

@@ -12,7 +12,7 @@ _TOO_OLD = np.uint8(Outcome.TOO_OLD)
 _FROM_THE_FUTURE = np.uint8(Outcome.FROM_THE_FUTURE)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reject_by_age(
     t_us: I64, received_us: I64, max_age_us: float, max_ahead_us: float, out_outcomes: NDArray[np.uint8]
 ) -> None:
@@ -26,7 +26,7 @@ def reject_by_age(
             out_outcomes[i] = _FROM_THE_FUTURE
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rounds(rows: I64, t_us: I64, outcomes: NDArray[np.uint8], records_by_row: I64) -> tuple[I64, I64, int]:
     """Return (order, nth, count) of the n records that are not rejected so far.
 

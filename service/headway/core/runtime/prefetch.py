@@ -26,7 +26,7 @@ def _ask_for(_typing: Any, _address: Any) -> Any:
 _prefetch: Any = intrinsic(_ask_for)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def prefetch_row(table: Any, row: int, start: int, stop: int) -> None:
     """Ask for the bytes from `start` to `stop` of a row of `table` (C,); a hint, which changes no result."""
     address = table.ctypes.data + row * table.strides[0]

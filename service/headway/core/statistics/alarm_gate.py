@@ -47,7 +47,7 @@ class Budget(NamedTuple):
     memory_s: float
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def untruncated_mean(truncated_mean: float, truncation: float) -> float:
     """Return the mean of an exponential whose mean below `truncation` is `truncated_mean`, at most 0.45 of it."""
     target = min(truncated_mean, 0.45 * truncation)
@@ -57,7 +57,7 @@ def untruncated_mean(truncated_mean: float, truncation: float) -> float:
     return mean
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
     """Return excursions per hour and the mean size of their peaks, prior included."""
     mean = tail.mean if tail.mean > 0.0 else p.prior_mean
@@ -66,21 +66,21 @@ def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
     return (p.prior_exceedances * seen + tail.exceedances) / hours / (1.0 - exp(-p.truncation / mean)), mean
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gate(tail: Any, p: Budget) -> float:
     """Return the log odds that clean readings of this vehicle exceed as often as the budget allows."""
     rate, mean = rate_and_mean(tail, p)
     return float(p.threshold + mean * max(log(rate / p.alarms_per_hour), 0.0))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def false_alarms_per_hour(tail: Any, log_odds: float, p: Budget) -> float:
     """Return how often an hour of clean readings of this vehicle goes as high as `log_odds`."""
     rate, mean = rate_and_mean(tail, p)
     return float(rate * exp(-max(log_odds - p.threshold, 0.0) / mean))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def learn(tail: Any, log_odds: float, alarm: bool, dt_s: float, p: Budget) -> None:
     """Take the next log odds, which stood for `dt_s`, and whether they raised an alarm."""
     if alarm:

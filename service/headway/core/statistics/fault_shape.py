@@ -23,7 +23,7 @@ EPISODE = np.dtype([("n", "f8"), ("e", "f8"), ("ee", "f8"), ("ke", "f8"), ("kk",
 SHORT, NOISE, BIAS, DRIFT = int(Kind.SHORT), int(Kind.NOISE), int(Kind.BIAS), int(Kind.DRIFT)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def take(episode: Any, e: float) -> None:
     """Add one more deviation."""
     episode.n += 1.0
@@ -33,13 +33,13 @@ def take(episode: Any, e: float) -> None:
     episode.kk += episode.n**2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def close(episode: Any) -> None:
     """End the episode."""
     episode.n = episode.e = episode.ee = episode.ke = episode.kk = 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def kind_of(episode: Any, r: float) -> tuple[int, float]:
     """Return (kind, confidence) of an episode of at least one deviation; `r` is the sensor's variance."""
     n = episode.n

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ridge_learn(A: Any, b: Any, phi: Any, y: float, forget: float, weight: float) -> None:
     """Take one sample into A (n (n + 1) / 2,) and b (n,), in place."""
     at = 0
@@ -26,7 +26,7 @@ def ridge_learn(A: Any, b: Any, phi: Any, y: float, forget: float, weight: float
         b[row] = forget * b[row] + weighted * y
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def ridge_solve(A: Any, b: Any, ridge: float, prior: Any, theta: Any) -> None:
     """Write theta (n,) by Cholesky's factorisation of A + ridge I; `ridge` above 0, `prior` (n,) or a tuple."""
     n = b.size

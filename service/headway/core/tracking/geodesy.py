@@ -17,7 +17,7 @@ ECCENTRICITY_SQUARED = FLATTENING * (2.0 - FLATTENING)
 _COS_MIN = 1e-9  # keeps a step to the east finite at a pole
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def metres_per_degree(lat_deg: float) -> tuple[float, float]:
     """Return the length of one degree of longitude and of one degree of latitude, m."""
     cos_lat = math.cos(math.radians(lat_deg))
@@ -27,20 +27,20 @@ def metres_per_degree(lat_deg: float) -> tuple[float, float]:
     return math.radians(prime_vertical_m * max(cos_lat, _COS_MIN)), math.radians(meridian_m)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def wrap_degrees(angle_deg: float) -> float:
     """Return the same angle within -180..180."""
     return angle_deg - 360.0 * math.floor(angle_deg / 360.0 + 0.5)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def displacement_m(from_lat_deg: float, from_lon_deg: float, lat_deg: float, lon_deg: float) -> tuple[float, float]:
     """Return (east_m, north_m) from the first position to the second, the short way round the antimeridian."""
     east_per_degree, north_per_degree = metres_per_degree(0.5 * (from_lat_deg + lat_deg))
     return wrap_degrees(lon_deg - from_lon_deg) * east_per_degree, (lat_deg - from_lat_deg) * north_per_degree
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def displaced_deg(lat_deg: float, lon_deg: float, east_m: float, north_m: float) -> tuple[float, float]:
     """Return (lat_deg, lon_deg) that far from a position: the inverse of `displacement_m`, for some metres."""
     east_per_degree, north_per_degree = metres_per_degree(lat_deg)

@@ -38,7 +38,7 @@ def new_id_index(capacity: int) -> IdIndex:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find(index: IdIndex, ids: Words, out_rows: I64) -> None:
     """Write the row of each of the `ids` (B, 8); -1 where there is none."""
     for i in range(out_rows.size):
@@ -52,7 +52,7 @@ def find(index: IdIndex, ids: Words, out_rows: I64) -> None:
             out_rows[i] = index.next_row[out_rows[i]]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def insert(index: IdIndex, row: int, ids: Words, i: int) -> None:
     """Assign a free row to identifier `i` of the `ids` (B, 8), which has none."""
     bucket = _bucket(index, ids, i)
@@ -61,7 +61,7 @@ def insert(index: IdIndex, row: int, ids: Words, i: int) -> None:
     index.first_row[bucket] = row
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def remove(index: IdIndex, row: int) -> None:
     """Remove the identifier of a row."""
     bucket = _bucket(index, index.name, row)
@@ -75,7 +75,7 @@ def remove(index: IdIndex, row: int) -> None:
     index.name[row] = 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _bucket(index: IdIndex, of: Words, i: int) -> int:
     """Hash identifier `i` of (B, 8): the upper bits of a sum of products of half words, which is universal.
 

@@ -84,7 +84,7 @@ def new_pairing(capacity: int) -> Records:
     return pairing
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def leader_of(tracks: Records, pairing: Records, row: int) -> int:
     """Return the row of the leader of `row`, or NO_LEADER, also if either row has another generation since."""
     pair = pairing[row]
@@ -95,7 +95,7 @@ def leader_of(tracks: Records, pairing: Records, row: int) -> int:
     return leader_row if leader.t_us != 0 and leader.generation == pair.leader_generation else NO_LEADER
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_leaders(
     tracks: Records,
     pairing: Records,
@@ -135,14 +135,14 @@ def find_leaders(
     return changes
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def leaders_of(tracks: Records, pairing: Records, rows: I64, out_leaders: I64) -> None:
     """Write `leader_of` each of `rows`."""
     for i in range(rows.size):
         out_leaders[i] = leader_of(tracks, pairing, rows[i])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def gaps_m(tracks: Records, pairing: Records, rows: I64, out_gap_m: F64) -> None:
     """Write the distance along the road from each row's front to its leader's rear, m; NaN without a leader."""
     for i in range(rows.size):
@@ -153,7 +153,7 @@ def gaps_m(tracks: Records, pairing: Records, rows: I64, out_gap_m: F64) -> None
             out_gap_m[i] = leader.x_m + pairing[rows[i]].offset_m - tracks[rows[i]].x_m - leader.length_m
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _initialise(pair: Any, track: Any) -> None:
     """Initialise a row without a leader; its first search is due within half a second."""
     pair.generation = track.generation
@@ -163,7 +163,7 @@ def _initialise(pair: Any, track: Any) -> None:
     pair.search_us = track.t_us - 7 * pair.phase_us
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _phase_us(track: Any) -> int:
     """Return 0 to 66 ms by a hash of the track's event time and position, so the row number has no effect."""
     lat, lon = int(track.lat_deg * 1e7), int(track.lon_deg * 1e7)
@@ -171,7 +171,7 @@ def _phase_us(track: Any) -> int:
     return int(mixed >> 12 & 0xFFFF)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _find_leader(
     tracks: Records, pairing: Records, row: int, declared_row: int, nearby: I64, range_m: float, lane_width_m: float
 ) -> bool:
@@ -216,7 +216,7 @@ def _find_leader(
     return changed
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _update_offset(pair: Any, follower: Any, measured_m: float) -> bool:
     """Move the offset towards the measured one within its limits; return whether it jumped."""
     limit_m = _OFFSET_SLACK_M + _OFFSET_PER_METRE * abs(follower.base_x_m - pair.search_x_m)
@@ -234,7 +234,7 @@ def _update_offset(pair: Any, follower: Any, measured_m: float) -> bool:
     return False
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _search_declared(tracks: Records, row: int, declared_row: int, range_m: float) -> tuple[int, float]:
     """Return (row, metres ahead) of the declared leader, or NO_LEADER if it is not acceptable."""
     if declared_row in (NO_LEADER, row):
@@ -246,7 +246,7 @@ def _search_declared(tracks: Records, row: int, declared_row: int, range_m: floa
     return (declared_row, ahead_m) if ahead_m > 0.0 else (NO_LEADER, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _search_lane(
     tracks: Records, row: int, leader_row: int, nearby: I64, range_m: float, lane_width_m: float
 ) -> tuple[int, float]:
@@ -287,7 +287,7 @@ def _search_lane(
     return _find_cut_in(tracks, row, leader_row, first_row, first_m, nearby, half_lane_m)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _find_cut_in(
     tracks: Records, row: int, leader_row: int, reference_row: int, reference_m: float, nearby: I64, half_lane_m: float
 ) -> tuple[int, float]:
@@ -308,13 +308,13 @@ def _find_cut_in(
     return found_row, found_m
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _is_fresh(vehicle: Any, follower: Any) -> bool:
     """Whether the newest messages of both have about the same event time."""
     return bool(abs(vehicle.t_us - follower.t_us) <= FRESH_US)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _allowance_m(vehicle: Any, follower: Any, lane_width_m: float) -> float:
     """Return the allowance on the half lane for the accuracies that the two declare, m."""
     declared_m = math.hypot(vehicle.accuracy_m, follower.accuracy_m)

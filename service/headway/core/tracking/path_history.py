@@ -19,7 +19,7 @@ _STRAIGHT_COS_MIN = 0.97  # 14 degrees, on the straight continuation
 _BASELINE = 2  # crumbs to either side that define the direction of a path
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def between_bases(from_track: Any, to_track: Any) -> tuple[float, float]:
     """Return (east_m, north_m) from the first base to the second."""
     return displacement_m(
@@ -27,7 +27,7 @@ def between_bases(from_track: Any, to_track: Any) -> tuple[float, float]:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def distance_along_path(ahead: Any, behind: Any, corridor_m: float, range_m: float) -> tuple[float, float]:
     """Return (metres from `behind` to `ahead` along the path of `ahead`, metres of `behind` to the left of the path).
 
@@ -98,7 +98,7 @@ def distance_along_path(ahead: Any, behind: Any, corridor_m: float, range_m: flo
     return (ahead_m, lateral_m) if 0.0 < ahead_m <= range_m else (0.0, 0.0)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _continue_straight(
     ahead: Any, east_m: float, north_m: float, heading_east: float, heading_north: float, corridor_m: float
 ) -> tuple[float, float]:
@@ -120,7 +120,7 @@ def _continue_straight(
     return crumbs[oldest, CRUMB_X] + along_m, lateral_m
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _path_direction(crumbs: NDArray[np.float32], newest: int, back: int, oldest_back: int) -> tuple[float, float]:
     """Return the unit direction of the path around the segment that starts `back` crumbs before the newest."""
     newer = (newest - max(back - _BASELINE + 1, 0)) & (CRUMBS - 1)

@@ -23,13 +23,13 @@ PSEUDONYM_WITHIN_M, PSEUDONYM_TRAVEL_SHARE = 5.0, 0.2
 """A new vehicle within this distance of the extrapolated place of a silent one is that vehicle."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def limit_us(interval_s: float, silence_timeout_s: float) -> int:
     """Return the silence (us) after which a sender of this interval is overdue."""
     return int(1e6 * max(silence_timeout_s, INTERVALS * interval_s))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def last_neighbour_us(last_received_us: I64, rows: I64, leaders: I64) -> I64:
     """Return, for each of `rows` (B,), the last receive time of its leader and followers; 0 without any.
 
@@ -45,7 +45,7 @@ def last_neighbour_us(last_received_us: I64, rows: I64, leaders: I64) -> I64:
     return neighbour[rows]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def overdue(
     tracks: Records,
     rows: I64,
@@ -70,7 +70,7 @@ def overdue(
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pseudonym_changed(tracks: Records, first_received_us: I64, silent_row: int, rows: I64) -> bool:
     """Whether one of `rows` (B,) that is new since is at the extrapolated place of the silent one: a new pseudonym."""
     track = tracks[silent_row]

@@ -56,13 +56,13 @@ def new_grid(capacity: int) -> Grid:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _bucket(band: int, column: int, buckets: int) -> int:
     """Hash a cell; two cells may share a bucket, because each search checks the distance."""
     return (band * 73_856_093 ^ column * 19_349_663) & (buckets - 1)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _columns(band: int, cell_deg: float) -> int:
     """Return the number of cells around the earth in this band, none narrower than `cell_deg` of latitude."""
     edge_deg = max(abs(band * cell_deg - 90.0), abs((band + 1) * cell_deg - 90.0))
@@ -70,13 +70,13 @@ def _columns(band: int, cell_deg: float) -> int:
     return max(1, int(360.0 * narrowest / cell_deg))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _column(lon_deg: float, columns: int) -> int:
     """Return the cell of a longitude in a band of `columns` cells."""
     return math.floor((lon_deg + 180.0) / 360.0 * columns) % columns
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def build(grid: Grid, tracks: Records, range_m: float, now_us: int) -> None:
     """Sort all known vehicles by cell, with a counting sort over the buckets."""
     start = grid.bucket_start
@@ -113,7 +113,7 @@ def build(grid: Grid, tracks: Records, range_m: float, now_us: int) -> None:
     grid.built_us[0] = now_us
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def find_near(grid: Grid, follower: Any, row: int, range_m: float, nearby: I64, apart_squared: F64) -> int:
     """Write the rows of the vehicles nearest ahead, nearest first, none of them oncoming; return how many."""
     cell_deg = range_m / _METRES_PER_DEGREE_MIN

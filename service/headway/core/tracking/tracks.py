@@ -116,7 +116,7 @@ class Advance(NamedTuple):
     """Whether the odometer starts at zero: a new vehicle, or a gap above `max_gap_s`."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: float) -> Advance:
     """Take one record into each of the distinct `rows` (n,); `places` (n,) are the records' places in the batch.
 
@@ -156,7 +156,7 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
     return done
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def extend_path_history(tracks: Records, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64) -> None:
     """Move each row's base after the verdict on its newest reading; once for each reading that `advance` accepted.
 
@@ -196,7 +196,7 @@ def extend_path_history(tracks: Records, rows: I64, location_valid: NDArray[np.b
             _push_crumb(track)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     """Set the odometer to zero at this place, with an empty path."""
     if track.t_us == 0:
@@ -214,7 +214,7 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     track.crumb_count = 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
     """Return the messages lost before this one, and update the sender's mean interval.
 
@@ -230,7 +230,7 @@ def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> 
     return int(sent - 1)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _update_odometer(track: Any, heading_deg: float) -> None:
     """Set heading and odometer of the newest reading, relative to the base."""
     east_m, north_m = displacement_m(track.base_lat_deg, track.base_lon_deg, track.lat_deg, track.lon_deg)
@@ -259,7 +259,7 @@ def _update_odometer(track: Any, heading_deg: float) -> None:
     track.x_m = track.base_x_m + ahead_m
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _derive_heading(track: Any, apart_m: float) -> None:
     """Set the heading by the displacement from the base, for a sender that declares none."""
     if apart_m < (_CHORD_MIN_M if track.heading_known else 1e-3):
@@ -270,13 +270,13 @@ def _derive_heading(track: Any, apart_m: float) -> None:
     track.heading_east, track.heading_north = east, north
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _turn_cos(track: Any) -> float:
     """Return the cosine of the angle between the headings at the base and now."""
     return float(track.base_heading_east * track.heading_east + track.base_heading_north * track.heading_north)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _push_crumb(track: Any) -> None:
     """Store the place of the base."""
     track.newest_crumb = (track.newest_crumb + 1) & (CRUMBS - 1)

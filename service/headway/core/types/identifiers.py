@@ -32,7 +32,7 @@ def id_words(column: Ids) -> Words:
     return column.view(np.uint64).reshape(-1, ID_WORDS)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def same(one: Words, i: int, other: Words, j: int) -> bool:
     """Whether identifier `i` of `one` (A, 8) equals identifier `j` of `other` (B, 8)."""
     for k in range(ID_WORDS):

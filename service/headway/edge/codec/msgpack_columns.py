@@ -71,11 +71,11 @@ def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> Compact
     return CompactRecords(numbers[:, :count], ids[:count], leader_ids[:count], records)
 
 
-_inlined: Final = njit(cache=True, inline="always")
+_inlined: Final = njit(cache=True, error_model="numpy", inline="always")
 """A call costs as much as to read a number."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def _read(
     buffer: Any,
     sizes: I64,

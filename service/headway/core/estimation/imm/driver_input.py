@@ -61,7 +61,7 @@ def driver_dtype(delay_s: float) -> np.dtype[np.void]:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def set_leader(driver: Any, p: DriverParams) -> None:
     """Begin with a driver's car; the likeness of one that is known stays known."""
     driver.information = max(driver.information, p.prior_information)
@@ -70,13 +70,13 @@ def set_leader(driver: Any, p: DriverParams) -> None:
     reset_sensitivity(driver)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reset_sensitivity(driver: Any) -> None:
     """Say that the next innovation tells nothing of changes up to now."""
     driver.speed_sensitivity, driver.accel_sensitivity = 0.0, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def unexplained_share(driver: Any, q: float) -> float:
     """Return the share of jerk of density `q` in the changes of acceleration; the rest is explained by the leader."""
     return (
@@ -84,7 +84,7 @@ def unexplained_share(driver: Any, q: float) -> float:
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def predict_acceleration(driver: Any, z: Any, dt_s: float, x_m: float, v_mps: float, p: DriverParams) -> float:
     """Return the change of acceleration to expect after a READING, at which the car is estimated to be at x, v."""
     if isnan(z.leader_t_s):
@@ -106,7 +106,7 @@ def predict_acceleration(driver: Any, z: Any, dt_s: float, x_m: float, v_mps: fl
     return float(change)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def adapt_response_gain(driver: Any, dt_s: float, nu: float, s: float, k_v: float, k_a: float, p: DriverParams) -> None:
     """Take the innovation `nu` of a healthy speed, of variance `s`, which moved v by k_v nu and a by k_a nu."""
     driver.speed_sensitivity += dt_s * driver.accel_sensitivity

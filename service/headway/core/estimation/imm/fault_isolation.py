@@ -12,7 +12,7 @@ X_LIES, V_LIES, BOTH_LIE = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.B
 IS_SHORT, IS_NOISE, IS_BIAS, IS_DRIFT = int(Kind.SHORT), int(Kind.NOISE), int(Kind.BIAS), int(Kind.DRIFT)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def faulty_sensor(mode_probability: Any) -> int:
     """Return the `Sensor` code of the likeliest set of lying sensors."""
     x = mode_probability[BIAS] + mode_probability[DRIFT] + mode_probability[NOISE]
@@ -27,7 +27,7 @@ def faulty_sensor(mode_probability: Any) -> int:
     return X_LIES if x > v else V_LIES
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fault_kind(mode_probability: Any, sensor: int) -> tuple[int, float]:
     """Return the likeliest `Kind` code of the lie of `sensor` (0, 1), and its probability, given that it lies."""
     own = OTHER_SENSOR * sensor
@@ -44,7 +44,7 @@ def fault_kind(mode_probability: Any, sensor: int) -> tuple[int, float]:
     return IS_DRIFT, drift / total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def isolate(mode_probability: Any, run_length: Any, over: float) -> tuple[int, int, float]:
     """Return sensor, kind and the confidence in the kind, for an anomalous reading, and count it in `run_length` (2,).
 
@@ -66,7 +66,7 @@ def isolate(mode_probability: Any, run_length: Any, over: float) -> tuple[int, i
     return sensor, kind, confidence
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def isolate_ended(mode_probability: Any) -> tuple[int, int, float]:
     """Return sensor, kind and the confidence in the kind of a lie that is told of only as it ends."""
     sensor = faulty_sensor(mode_probability)

@@ -34,7 +34,7 @@ ADAPTED_READINGS_KEPT = 20.0
 """Readings learnt that are left after such a step, so that the level is found anew soon."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def inflate_noise(row: Any, sensor: int, p: Any) -> None:
     """Blame a suspicion of `sensor` that comes back and back on what was learnt: noise, scale of the speed, walk."""
     mode_probability, own = row.mode_probability, OTHER_SENSOR * sensor
@@ -52,7 +52,7 @@ def inflate_noise(row: Any, sensor: int, p: Any) -> None:
             )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def fault_timeout(row: Any, mean: Any, reading: Any, dt_s: float, p: Any) -> bool:
     """Count how long each sensor has been suspected, and believe it again when that is too long; return whether so."""
     position_fault, speed_fault = sensor_fault_probability(row.mode_probability)

@@ -56,6 +56,7 @@ from headway.core.estimation.kinematics import (
     set_offset,
     update_scalar,
 )
+from headway.core.statistics.innovation import nis_2d
 
 HEALTHY, BIAS, DRIFT, NOISE = 0, 1, 2, 3
 OTHER_SENSOR = 3
@@ -107,10 +108,11 @@ IMM_WORKSPACE = np.dtype(
         ("ended_probability", "f8", (MODE_COUNT,)),  # weight of: this hypothesis was true until now, and is over
         ("nu", "f8", (2,)),  # innovation of location and speed under HEALTHY,
         ("S", "f8", (3,)),  # and its covariance xx, xv, vv
+        ("nis", "f8"),  # nu' S^-1 nu
     ],
     align=True,
 )
-"""What `update` works in, and answers with: `ended_probability`, `nu`, `S`."""
+"""What `update` works in, and answers with: `ended_probability`, `nu`, `S`, `nis`."""
 
 
 class ModeParams(NamedTuple):
@@ -141,7 +143,7 @@ class ModeParams(NamedTuple):
     """How well the acceleration of a vehicle not heard before is known."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def initialise_modes(row: Any, x_m: float, v_mps: float, r: Any, p: ModeParams) -> None:
     """Start every hypothesis of a row (HYPOTHESES) at a reading of variances `r` (2,), and believe it."""
     for j in range(SINGLE_COLUMNS):
@@ -150,7 +152,7 @@ def initialise_modes(row: Any, x_m: float, v_mps: float, r: Any, p: ModeParams) 
     row.mode_probability[HEALTHY] = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_means(m: Any, mode_probability: Any, first: int, last: int, into: Any) -> None:
     """Add up the means of hypotheses `first` to `last`, which are lanes 0, 1, ... of m."""
     for j in range(first, last):
@@ -158,7 +160,7 @@ def add_means(m: Any, mode_probability: Any, first: int, last: int, into: Any) -
             into[i] += mode_probability[j] * m[i, j - first]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_covariances(m: Any, mode_probability: Any, first: int, last: int, into: Any) -> None:
     """Add up the covariances of the same, about the mean that is in `into` by now."""
     for j in range(first, last):
@@ -172,7 +174,7 @@ def add_covariances(m: Any, mode_probability: Any, first: int, last: int, into: 
         into[AA] += mode_probability[j] * (m[AA, k] + da * da)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def estimate(row: Any, into: Any) -> None:
     """Write mean and covariance of the car's own motion, over all hypotheses and without any lie, to `into` (SIZE,)."""
     into[:] = 0.0
@@ -185,7 +187,7 @@ def estimate(row: Any, into: Any) -> None:
         add_covariances(row.double, row.mode_probability, SINGLE_FAULT_MODES, MODE_COUNT, into)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def load(row: Any, found: Any, doubles_pruned: bool) -> None:
     """Copy lanes of the row to where they are worked on."""
     for i in range(SIZE):
@@ -195,7 +197,7 @@ def load(row: Any, found: Any, doubles_pruned: bool) -> None:
         found.double.m[:] = row.double
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def store(row: Any, found: Any, doubles_pruned: bool) -> None:
     """Copy them back; hypotheses of two lies that nobody thought of until now know what HEALTHY knows."""
     for i in range(SIZE):
@@ -209,7 +211,7 @@ def store(row: Any, found: Any, doubles_pruned: bool) -> None:
                 copy_column(row.double, j, found.double.m, j)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def save_prior(found: Any, count: int) -> None:
     """Keep the first `count` hypotheses in `recovered`, without their lies."""
     recovered = found.recovered.m
@@ -221,7 +223,7 @@ def save_prior(found: Any, count: int) -> None:
         clear_offset(recovered, j)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def mix(row: Any, fault: float, over: float, p: ModeParams, found: Any) -> None:
     """Mix the faulty modes along the Markov chain: columns and `predicted_probability` become those before the reading.
 
@@ -269,7 +271,7 @@ def mix(row: Any, fault: float, over: float, p: ModeParams, found: Any) -> None:
         )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_acceleration_change(row: Any, change_mps2: float) -> None:
     """Change the acceleration in every hypothesis by what is known to come."""
     for j in range(SINGLE_COLUMNS):
@@ -279,7 +281,7 @@ def add_acceleration_change(row: Any, change_mps2: float) -> None:
             row.double[AX, j] += change_mps2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def branch_to_faults(found: Any, dt_s: float, q: float, unexplained: float, p: ModeParams) -> None:
     """Fill the fresh lanes from the predicted HEALTHY: what may have begun since the last reading."""
     m, single = found.onset.m, found.single.m
@@ -296,7 +298,7 @@ def branch_to_faults(found: Any, dt_s: float, q: float, unexplained: float, p: M
         m[SS, drift] = p.drift_slope0**2 + p.drift_slope_share * (found.nu[sensor] / dt_s) ** 2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def update_single_faults(found: Any, z: Any, r: Any, p: ModeParams) -> None:
     """Let the hypotheses of at most one lie take the reading, those that go on and those that begin."""
     single, onset, fault_size = found.single, found.onset, p.fault_size
@@ -311,7 +313,7 @@ def update_single_faults(found: Any, z: Any, r: Any, p: ModeParams) -> None:
     set_offset(onset.m, BIAS_V, Z_SPEED, v, r[Z_SPEED])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def update_double_faults(found: Any, z: Any, r: Any, p: ModeParams) -> None:
     """Let the hypotheses of two lies take the reading."""
     double = found.double
@@ -342,7 +344,7 @@ def update_double_faults(found: Any, z: Any, r: Any, p: ModeParams) -> None:
         found.predicted_probability[SINGLE_FAULT_MODES + j] *= likelihood(double, j)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def moment_match_onsets(found: Any) -> None:
     """Fold what begins into what goes on, by its `onset_share`."""
     single, onset, share = found.single.m, found.onset.m, found.onset_share
@@ -350,7 +352,7 @@ def moment_match_onsets(found: Any) -> None:
         moment_match(single, j, onset, j, share[j])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def branch_to_healthy(row: Any, over: float, count: int, z: Any, r: Any, found: Any) -> None:
     """Weigh for the first `count` hypotheses that each was true until now and is over; HEALTHY takes over."""
     recovered, ended_probability = found.recovered, found.ended_probability
@@ -366,7 +368,7 @@ def branch_to_healthy(row: Any, over: float, count: int, z: Any, r: Any, found: 
     found.predicted_probability[HEALTHY] = weight
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def update(
     row: Any,
     dt_s: float,
@@ -416,8 +418,8 @@ def update(
     predict(found.single, dt_s, q, random_walk_density)
     nu[Z_POSITION], nu[Z_SPEED] = z[Z_POSITION] - m[PX, HEALTHY], z[Z_SPEED] - m[VX, HEALTHY]
     cov[0], cov[1], cov[2] = m[XX, HEALTHY] + r[Z_POSITION], m[XV, HEALTHY], m[VV, HEALTHY] + r[Z_SPEED]
-    nis = cov[2] * nu[Z_POSITION] ** 2 - 2.0 * cov[1] * nu[Z_POSITION] * nu[Z_SPEED] + cov[0] * nu[Z_SPEED] ** 2
-    recovery_pruned = doubles_pruned and nis < PRUNE_RECOVERY_BELOW_NIS * (cov[0] * cov[2] - cov[1] ** 2)
+    found.nis = nis_2d(nu[Z_POSITION], nu[Z_SPEED], cov[0], cov[1], cov[2], r[Z_SPEED])
+    recovery_pruned = doubles_pruned and found.nis < PRUNE_RECOVERY_BELOW_NIS
     if doubles_pruned and not recovery_pruned:
         save_prior(found, SINGLE_FAULT_MODES)
     branch_to_faults(found, dt_s, q, unexplained, p)
@@ -453,7 +455,7 @@ def update(
     return repaired
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reset_to_measurement(row: Any, location: bool, speed: bool, mean: Any, z: Any, r: Any, p: ModeParams) -> None:
     """Believe `location`, `speed` or both from their present reading on, and keep the rest of the estimate `mean`.
 
@@ -479,7 +481,7 @@ def reset_to_measurement(row: Any, location: bool, speed: bool, mean: Any, z: An
         mode_probability[HEALTHY] = 1.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def sensor_fault_probability(mode_probability: Any) -> tuple[float, float]:
     """Return the probabilities that the location and that the speed lie."""
     double = mode_probability[SINGLE_FAULT_MODES:].sum()

@@ -86,7 +86,7 @@ class NoiseAdaptationParams(NamedTuple):
     speed_latency_max_s: float
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def initialise_noise(noise: Any, p: NoiseAdaptationParams) -> None:
     """Forget what was learnt."""
     noise.r[Z_POSITION], noise.r[Z_SPEED] = p.x_std_m**2, p.v_std_mps**2
@@ -101,19 +101,19 @@ def initialise_noise(noise: Any, p: NoiseAdaptationParams) -> None:
     reset_previous_innovation(noise)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_size(noise: Any, p: NoiseAdaptationParams) -> float:
     """Return how far, on a logarithm, one reading may move a level."""
     return float(max(p.step_min, 1.0 / (1.0 + p.settling * noise.adapted_readings)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def reset_previous_innovation(noise: Any) -> None:
     """Say that the next innovation does not follow on the last one."""
     noise.nu[Z_POSITION], noise.nu[Z_SPEED] = 0.0, 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def quantile_and_sign(noise: Any, sensor: int, nu: float, s: float, sign_step: float) -> tuple[float, float]:
     """Return what an innovation says of both levels behind it together, and of the motion's against the sensor's."""
     wide = (1.0 if abs(nu) > QUARTILE * sqrt(s) else 0.0) - 0.25
@@ -122,7 +122,7 @@ def quantile_and_sign(noise: Any, sensor: int, nu: float, s: float, sign_step: f
     return wide, copysign(sign_step, product) if product != 0.0 else 0.0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def adapt_noise(
     noise: Any, dt_s: float, a_mps2: float, nu: Any, cov: Any, unexplained: float, p: NoiseAdaptationParams
 ) -> None:
@@ -149,7 +149,7 @@ def adapt_noise(
     )
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def adapt_bias_and_latency(noise: Any, excess_mps: float, a_mps2: float, p: NoiseAdaptationParams) -> None:
     """Take a location that ran ahead of its prediction by `excess_mps`: slip + lag a, and noise of unit variance."""
     c = noise.P_bias_latency
@@ -164,20 +164,20 @@ def adapt_bias_and_latency(noise: Any, excess_mps: float, a_mps2: float, p: Nois
     c[2] += p.bias_latency_gain**2 - share * gain_latency * gain_latency
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def add_speed_bias(noise: Any, excess_mps: float, p: NoiseAdaptationParams) -> None:
     """Take locations to run ahead of the speed by `excess_mps` more."""
     noise.speed_bias_mps = clip(noise.speed_bias_mps + excess_mps, -p.speed_bias_max_mps, p.speed_bias_max_mps)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def clip_innovation(nu: float, s: float) -> float:
     """Return an innovation of variance `s`, and of an outlying one no more than counts."""
     most = OUTLIER * sqrt(s)
     return clip(nu, -most, most)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def clip(value: float, least: float, most: float) -> float:
     """Return `value`, or the nearer of the two limits."""
     return min(max(value, least), most)

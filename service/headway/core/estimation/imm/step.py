@@ -176,7 +176,7 @@ WORKSPACE = np.dtype([("found", IMM_WORKSPACE), ("reading", "f8", (2,)), ("mean"
 """What `step` works in. A record, since slices of an array are counted references, and parts of a record are not."""
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def initialise(row: Any, z: Any, p: HeadwayParams) -> None:
     """Begin at a reading; sensors, driver and alarm tail that are known stay known."""
     if row.noise.r[Z_POSITION] == 0.0:
@@ -192,13 +192,13 @@ def initialise(row: Any, z: Any, p: HeadwayParams) -> None:
     row.count = 0
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def log_odds(fault_probability: float, healthy_probability: float) -> float:
     """Return ln(lies : honest), within the range that weights have."""
     return float(log(max(fault_probability, MODE_PROBABILITY_FLOOR) / max(healthy_probability, MODE_PROBABILITY_FLOOR)))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> None:
     """Judge one reading (READING) against one row (`headway_dtype`), in place, and write the VERDICT."""
     noise, driver, mode_probability, found, reading, mean = (
@@ -218,7 +218,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         verdict.restarted = row.count > 0
         initialise(row, z, p)
         dt_s = 0.0
-        nu[:], ended_probability[:] = 0.0, 0.0
+        nu[:], ended_probability[:], found.nis = 0.0, 0.0, 0.0
         cov[0], cov[1], cov[2] = noise.r[Z_POSITION], 0.0, noise.r[Z_SPEED]
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m, z.v_mps
     else:
@@ -260,8 +260,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
     verdict.x_std_m, verdict.v_std_mps = sqrt(mean[XX]), sqrt(mean[VV])
     verdict.nu[0], verdict.nu[1] = nu[Z_POSITION], nu[Z_SPEED]
     verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = cov[0], cov[1], cov[1], cov[2]
-    nis = cov[2] * nu[Z_POSITION] ** 2 - 2.0 * cov[1] * nu[Z_POSITION] * nu[Z_SPEED] + cov[0] * nu[Z_SPEED] ** 2
-    verdict.nis = nis / (cov[0] * cov[2] - cov[1] ** 2)
+    verdict.nis = found.nis
 
     if not verdict.warming and noise.adapted_readings > p.settled_readings:
         learn(row.tail, recent_fault_log_odds, verdict.anomalous, dt_s, p.budget)
@@ -281,7 +280,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
     row.a_mps2 = mean[AX] + change_mps2
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_row(row: Any, z: Any, p: HeadwayParams, verdict: Any) -> None:
     """Judge one reading against one row."""
     workspace = np.zeros(1, WORKSPACE)
@@ -289,7 +288,7 @@ def step_row(row: Any, z: Any, p: HeadwayParams, verdict: Any) -> None:
         step(row, z, p, verdict, workspace[place])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def step_batch(bank: Any, rows: Any, readings: Any, p: HeadwayParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
     workspace = np.zeros(1, WORKSPACE)
