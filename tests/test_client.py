@@ -6,6 +6,7 @@ import zenoh
 from fake_service import START_US, Service, Traffic, bus, event, free_port, health, service
 
 from headway.client import BusFeed, SiteMessage
+from headway.errors import UserError
 from headway_schemas import Event, Health, PairState, Phase, RejectedCopy
 from headway_schemas.query import EVENTS, AlertsQuery
 
@@ -159,3 +160,32 @@ def test_a_refusal_and_nonsense_are_told_apart_from_nothing(endpoint: str, feed:
 
 def test_the_reply_is_what_the_contract_reads() -> None:
     assert EVENTS.validate_json(EVENTS.dump_json([event(1)])) == [event(1)]
+
+
+def test_every_endpoint_is_reached_and_one_that_is_late_is_waited_for() -> None:
+    endpoints = [f"tcp/127.0.0.1:{free_port()}" for _ in range(2)]
+    client = BusFeed(endpoints, ["east", "west"])
+    client.start()
+
+    def receives(running: Service, site: str) -> bool:
+        running.publish(health(1.0, START_US, site=site))
+        return any(received.site == site for received in client.drain())
+
+    try:
+        with service(endpoints[0], site="east") as east:
+            until(lambda: receives(east, "east"))
+            with service(endpoints[1], site="west") as west:
+                until(lambda: receives(west, "west"))
+                until(lambda: receives(east, "east"))
+                assert client.connection.connections == 2
+    finally:
+        client.close()
+
+
+@pytest.mark.parametrize("endpoint", ["nonsense", "tcp/"])
+def test_a_malformed_endpoint_is_one_line_without_a_place_in_sources(endpoint: str) -> None:
+    with pytest.raises(UserError) as refusal:
+        BusFeed([endpoint], ["local"])
+    assert str(refusal.value).startswith(f"{endpoint}: ")
+    assert ".rs" not in str(refusal.value)
+    assert "\n" not in str(refusal.value)

@@ -12,7 +12,7 @@ from typing import Any, Final, NamedTuple, Protocol, TypeAlias
 import zenoh
 from pydantic import ValidationError
 
-from headway.errors import UserError
+from headway.errors import UserError, zenoh_reason
 from headway_schemas import Event, Health, Keys, PairState, RejectedCopy
 from headway_schemas.query import EVENTS, AlertsQuery
 
@@ -224,12 +224,15 @@ def _configuration(connect: Sequence[str], file: Path | None) -> zenoh.Config:
         for path, value in _options(connect):
             config.insert_json5(path, json.dumps(value))
     except zenoh.ZError as error:
-        raise UserError(f"bus: {str(error).splitlines()[0]}") from None
+        raise UserError(f"{file or ', '.join(connect)}: {zenoh_reason(error)}") from None
     return config
 
 
 def _options(connect: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    yield "mode", "client"
+    # A client takes the first endpoint that answers; a peer reaches each.
+    yield "mode", "peer" if len(connect) > 1 else "client"
+    yield "listen/endpoints", []
+    yield "connect/exit_on_failure", len(connect) <= 1
     yield "connect/timeout_ms", _OPEN_TIMEOUT_MS
     yield "connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2}
     yield "scouting/multicast/enabled", False

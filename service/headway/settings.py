@@ -112,7 +112,7 @@ class Settings(BaseSettings):
     )
     connect: Endpoints = _setting((), "zenoh endpoints to connect to, such as tcp/10.0.0.1:7447.")
     listen: Endpoints = _setting(("tcp/127.0.0.1:7447",), "zenoh endpoints to listen on; a client does not listen.")
-    zenoh_config: Path | None = _setting(
+    zenoh_config: Annotated[Path | None, BeforeValidator(_given)] = _setting(
         None, "JSON5 file of zenoh's own options (TLS, access control); mode and endpoints set here win over it."
     )
     connect_timeout_s: float = _setting(3.0, "Longest attempt to reach a router; attempts repeat.", "s", gt=0, le=60)

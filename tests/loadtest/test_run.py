@@ -113,5 +113,5 @@ def test_nobody_at_the_other_end_is_one_line(monkeypatch):
     endpoint = free_endpoint()
     with pytest.raises(SessionError) as caught:
         connect(endpoint)
-    assert f"no zenoh at {endpoint}: start `headway serve`" in str(caught.value)
+    assert f"nothing answers at {endpoint} within 0.3 s: start `headway serve`" in str(caught.value)
     assert "\n" not in str(caught.value)

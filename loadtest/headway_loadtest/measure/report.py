@@ -40,6 +40,8 @@ class Targets:
     p50_ms: float | None = None
     p99_ms: float | None = None
     service_cpu_us: float | None = None
+    service_cpu_percent: float | None = None
+    """Of one core."""
     rss_mb: float | None = None
     recovered_s: float | None = None
     """After a surge; what it sheds is then no loss that counts."""
@@ -66,6 +68,7 @@ def missed_targets(outcome: Outcome, targets: Targets) -> list[str]:
         ("p50 ms", p50_ms, targets.p50_ms),
         ("p99 ms", p99_ms, targets.p99_ms),
         ("service CPU us per message", service.cpu_us, targets.service_cpu_us),
+        ("service CPU % of a core", _cpu_percent(outcome), targets.service_cpu_percent),
         ("service memory MB", service.rss_mb, targets.rss_mb),
         ("memory now by that after a minute", service.rss_ratio, targets.rss_growth and 1.0 + targets.rss_growth),
         ("p99 ms during the surge", surge_p99_ms, targets.surge_p99_ms),
@@ -76,6 +79,11 @@ def missed_targets(outcome: Outcome, targets: Targets) -> list[str]:
         elif target is not None and actual is not None and actual > target:
             found.append(f"{name} is {actual:.2f}, above {target:g}")
     return found
+
+
+def _cpu_percent(outcome: Outcome) -> float | None:
+    service_us = outcome.service.cpu_us if outcome.service else None
+    return None if service_us is None else 1e-4 * service_us * outcome.sent / outcome.seconds
 
 
 def to_json(outcome: Outcome, targets: Targets) -> dict[str, Any]:

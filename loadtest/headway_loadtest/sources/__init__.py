@@ -14,7 +14,10 @@ from headway_loadtest.sources.synthetic import SyntheticDrives
 SYNTHETIC = "synthetic:"
 HOST_TABLE, TARGETS_TABLE, MESSAGES_TABLE = "DataWsu", "DataFrontTargets", "BsmP1"
 
-__all__ = ["Source", "SourceError", "parse_sources"]
+VEHICLES_MAX = 5_000
+"""Of a synthetic fleet: more than two cores carry in single messages with this generator beside."""
+
+__all__ = ["Source", "SourceError", "parse_sources", "synthetic_vehicles"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +46,7 @@ def parse_sources(words: Sequence[str], *, seconds: float, seed: int) -> Source:
     pair_files: list[Path] = []
     for word in words:
         if word.startswith(SYNTHETIC):
-            parts.append(SyntheticDrives(_vehicles(word), seconds, seed))
+            parts.append(SyntheticDrives(synthetic_vehicles(word), seconds, seed))
             continue
         path = Path(word)
         if path.is_dir():
@@ -75,8 +78,19 @@ def _table(path: Path) -> Iterable[Scene]:
     return SpmdTrips(path, targets if targets.is_file() else None)
 
 
-def _vehicles(word: str) -> int:
+def synthetic_vehicles(word: str) -> int:
+    """Return N of `synthetic:N`, and 0 of any other word.
+
+    Raises
+    ------
+    SourceError
+        N is no number of vehicles that can drive at once.
+    """
+    if not word.startswith(SYNTHETIC):
+        return 0
     count = word.removeprefix(SYNTHETIC)
     if not (count.isdecimal() and int(count) > 0):
         raise SourceError(f"{word}: write {SYNTHETIC}N with N vehicles, for example {SYNTHETIC}100")
+    if int(count) > VEHICLES_MAX:
+        raise SourceError(f"{word}: at most {VEHICLES_MAX} vehicles; `headway loadtest --bundle K` offers more")
     return int(count)

@@ -9,13 +9,17 @@ from headway.cli import alerts, config, evaluate
 from headway.cli.demo import demo
 from headway.cli.explain import explain
 from headway.cli.loadtest import loadtest
-from headway.cli.options import ConfigFile
 from headway.cli.replay import replay
+from headway.cli.serve import serve
 from headway.cli.views import dashboard, watch
 from headway.errors import UserError
 from headway.version import version
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False)
+app = typer.Typer(
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
 
 
 def main() -> None:
@@ -39,19 +43,13 @@ def root(
         bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print it and exit.")
     ] = False,
 ) -> None:
-    """Find which reading, of which sensor, of which car, cannot be true."""
+    """Find which reading, of which sensor, of which car, cannot be true.
+
+    Example: headway demo
+    """
 
 
-@app.command()
-def serve(config: ConfigFile = None) -> None:
-    """Judge the messages on the bus until SIGTERM or SIGINT."""
-    from headway.cli import serve as service
-    from headway.settings import load
-
-    service.serve(load(config))
-
-
-for command in (demo, replay, loadtest, watch, dashboard, explain):
+for command in (serve, demo, replay, loadtest, watch, dashboard, explain):
     app.command()(command)
 app.add_typer(config.app, name="config")
 app.add_typer(alerts.app, name="alerts")

@@ -11,7 +11,10 @@ app = typer.Typer(no_args_is_help=True, help="Settings: effective values, a chec
 
 @app.command()
 def show(config: ConfigFile = None, as_json: AsJson = False) -> None:
-    """Print the effective settings and where each comes from."""
+    """Print the effective settings and where each comes from.
+
+    Example: headway config show --config headway.toml
+    """
     from headway.settings import load
 
     loaded = load(config)
@@ -26,7 +29,10 @@ def show(config: ConfigFile = None, as_json: AsJson = False) -> None:
 
 @app.command()
 def check(config: ConfigFile = None) -> None:
-    """Say whether the service would start with these settings."""
+    """Say whether the service would start with these settings.
+
+    Example: headway config check --config headway.toml
+    """
     from headway.settings import Origin, load
 
     origins = list(load(config).origins.values())
@@ -35,7 +41,10 @@ def check(config: ConfigFile = None) -> None:
 
 @app.command()
 def schema() -> None:
-    """Print the JSON Schema of the settings."""
+    """Print the JSON Schema of the settings.
+
+    Example: headway config schema > headway.schema.json
+    """
     from headway.settings import Settings
 
     typer.echo(json.dumps(Settings.model_json_schema(), indent=2))

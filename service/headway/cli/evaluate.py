@@ -26,7 +26,10 @@ def paper(
     out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report with figures.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run the published experiment, its two tables beside the printed values."""
+    """Run the published experiment, its two tables beside the printed values.
+
+    Example: headway evaluate paper --leader leader.csv --runs 20
+    """
     from headway_loadtest.evaluate.paper.command import evaluate_paper
     from headway_loadtest.evaluate.paper.experiment import Protocol
     from headway_loadtest.evaluate.paper.loop import History, Recovery
@@ -54,7 +57,10 @@ def pairs(
     out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report with figures.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Run every model on real pairs with injected anomalies, and the consistent liars."""
+    """Run every model on real pairs with injected anomalies, and consistent falsifications.
+
+    Example: headway evaluate pairs pairs/ --delay 0.5 --severity 1
+    """
     from headway_loadtest.evaluate.pairs.command import evaluate_pairs
     from headway_loadtest.evaluate.pairs.experiment import PairsProtocol
 
@@ -87,7 +93,10 @@ def field(
     out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report and the JSON.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Judge recordings of real senders and simulated traffic with the service's own engine."""
+    """Judge recordings of real senders and simulated traffic with the service's own engine.
+
+    Example: headway evaluate field recordings/ --out report
+    """
     from headway_loadtest.evaluate.field.attacks import ATTACKS
     from headway_loadtest.evaluate.field.command import evaluate_field
     from headway_loadtest.evaluate.field.experiment import FieldProtocol

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from headway.cli.options import AsJson
+from headway.cli.options import AsJson, ConfigFile
 
 
 def loadtest(
@@ -20,21 +20,17 @@ def loadtest(
         int, typer.Option(min=0, help="So many vehicles more for those seconds, then the usual ones again.")
     ] = 0,
     find_limit: Annotated[bool, typer.Option(help="Find the most vehicles that meet the targets.")] = False,
+    config: ConfigFile = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure latency, loss and cost of a service in a process of its own; exit 1 when a target is missed."""
+    """Measure latency, loss and cost of a service in a process of its own; exit 1 when a target is missed.
+
+    Example: headway loadtest --vehicles 5000 --seconds 30
+    """
     from headway.cli.run import loadtest as run
 
     if find_limit:
-        raise typer.Exit(run.find_limit(vehicles_max=vehicles, rate_hz=rate_hz, bundle=bundle, as_json=as_json))
-    missed = run.loadtest(
-        vehicles=vehicles,
-        seconds=seconds,
-        rate_hz=rate_hz,
-        bundle=bundle,
-        burst=burst,
-        rotate_s=rotate_s,
-        surge=surge,
-        as_json=as_json,
-    )
-    raise typer.Exit(missed)
+        most = run.Load(vehicles, run.LIMIT_SECONDS, rate_hz, bundle)
+        raise typer.Exit(run.find_limit(most, config=config, as_json=as_json))
+    load = run.Load(vehicles, seconds, rate_hz, bundle, burst, rotate_s, surge)
+    raise typer.Exit(run.loadtest(load, config=config, as_json=as_json))

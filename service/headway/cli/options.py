@@ -7,15 +7,27 @@ import typer
 
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="TOML file of settings; HEADWAY_* wins over it.")]
 Connect = Annotated[
-    list[str] | None, typer.Option("--connect", help="zenoh endpoint of the service or a router; may be repeated.")
+    list[str] | None,
+    typer.Option(
+        "--connect",
+        help="zenoh endpoint of a service or router; repeat it to see several. By default as set.",
+    ),
 ]
-Sites = Annotated[list[str] | None, typer.Option("--site", help="Site to show; may be repeated.")]
+ConnectOne = Annotated[
+    list[str] | None,
+    typer.Option("--connect", help="zenoh endpoint of the service or a router. By default as set."),
+]
+Site = Annotated[str | None, typer.Option(help="Site of the service. By default as set.")]
+Sites = Annotated[list[str] | None, typer.Option("--site", help="Site to show; may be repeated. By default as set.")]
 ZenohConfig = Annotated[Path | None, typer.Option(help="JSON5 file of zenoh's own options, such as certificates.")]
 JournalFile = Annotated[
     Path | None, typer.Option("--journal", help="Journal of a service; by default that of state_dir.")
 ]
-From = Annotated[str | None, typer.Option("--from", help="Detected at this time (ISO 8601, UTC) or later.")]
-To = Annotated[str | None, typer.Option(help="Detected before this time.")]
+From = Annotated[
+    str | None,
+    typer.Option("--from", help="Detected then or later: ISO 8601 (UTC), or -90s, -15m, -1h, -7d ago."),
+]
+To = Annotated[str | None, typer.Option(help="Detected before; written likewise.")]
 OfKind = Annotated[str | None, typer.Option("--kind", help="One kind, such as bias.")]
 OfPhase = Annotated[str | None, typer.Option("--phase", help="onset, update or cleared; onset gives a line for each.")]
 OfVehicle = Annotated[str | None, typer.Option("--vehicle", help="Suspect, follower or leader.")]

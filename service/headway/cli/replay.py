@@ -4,17 +4,26 @@ from typing import Annotated
 
 import typer
 
+from headway.cli.options import ConfigFile, ConnectOne, Site, ZenohConfig
+
 
 def replay(
     sources: Annotated[list[str], typer.Argument(help="An SPMD folder, pair CSV files, or synthetic:N.")],
-    site: Annotated[str, typer.Option(help="Site whose keys to use.")] = "local",
+    site: Site = None,
     speed: Annotated[float, typer.Option(min=0.01, help="Times real time; above 1 the service needs max_age_s.")] = 1.0,
-    inject: Annotated[str | None, typer.Option(help="Anomalies, such as c=1,p=0.005,kinds=noise+bias+drift.")] = None,
+    inject: Annotated[str | None, typer.Option(help="Faults to inject, such as c=1,share=0.04.")] = None,
     seed: Annotated[int, typer.Option(min=0, help="The same seed replays the same.")] = 0,
-    connect: Annotated[str, typer.Option(help="zenoh endpoint of the service or a router.")] = "tcp/127.0.0.1:7447",
+    connect: ConnectOne = None,
+    config: ConfigFile = None,
+    zenoh_config: ZenohConfig = None,
     seconds: Annotated[float, typer.Option(min=1, help="Stop after so long; a synthetic fleet drives so long.")] = 600,
 ) -> None:
-    """Replay drives to a running service, in real time or faster, with injected anomalies."""
-    from headway.cli.run import replay as run
+    """Replay drives to a running service, in real time or faster, with injected anomalies.
 
-    run.replay(sources, site=site, speed=speed, inject=inject, seed=seed, endpoint=connect, seconds=seconds)
+    Example: headway replay synthetic:50 --inject c=1,share=0.04
+    """
+    from headway.cli.run import replay as run
+    from headway.cli.run.bus import bus_access
+
+    bus = bus_access(config, connect, zenoh_config)
+    run.replay(run.Request(sources, site or bus.site, speed, inject, seed, seconds), bus)

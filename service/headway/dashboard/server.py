@@ -14,6 +14,7 @@ from headway.client import BusFeed, Feed
 from headway.dashboard.access import is_loopback, read_token
 from headway.dashboard.app import create_app
 from headway.dashboard.broadcast import Broadcaster
+from headway.dashboard.contact import ContactNotice
 from headway.errors import UserError
 
 STALL_S: Final = 20.0
@@ -44,7 +45,7 @@ def serve(
     token = None if token_file is None else read_token(token_file)
     feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)
     with bind(host, port) as listener:
-        server = Server(feed, sites, host, token, names)
+        server = Server(feed, sites, host, token, names, ContactNotice("dashboard", connect))
         shown = f"[{host}]" if ":" in host else host
         sys.stderr.write(f"headway dashboard: http://{shown}:{listener.getsockname()[1]}/ of {', '.join(sites)}\n")
         try:
@@ -56,7 +57,17 @@ def serve(
 class Server(uvicorn.Server):
     """Runs the broadcaster while the page is served."""
 
-    def __init__(self, feed: Feed, sites: Sequence[str], host: str, token: str | None, names: Sequence[str]) -> None:
+    def __init__(
+        self,
+        feed: Feed,
+        sites: Sequence[str],
+        host: str,
+        token: str | None,
+        names: Sequence[str],
+        notice: ContactNotice | None = None,
+    ) -> None:
+        self._feed = feed
+        self._notice = notice
         self.broadcaster = Broadcaster(feed, sites)
         app = create_app(self.broadcaster, host=host, token=token, names=names)
         # The access log would contain the token of a first visit. The headers of a proxy are not verified.
@@ -76,6 +87,12 @@ class Server(uvicorn.Server):
         await super().startup(sockets)
         self._running = asyncio.create_task(self.broadcaster.run())
         self._running.add_done_callback(lambda _: setattr(self, "should_exit", True))
+
+    async def on_tick(self, counter: int) -> bool:
+        """Update the notice of contact, ten times a second."""
+        if self._notice is not None:
+            self._notice.update(self._feed.connection.connected)
+        return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop; the viewers first, because their connections stay open until the broadcaster closes."""

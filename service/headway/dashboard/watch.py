@@ -17,6 +17,7 @@ from rich.text import Text
 
 from headway.client import BusFeed, Connection, Feed
 from headway.dashboard.broadcast import wall_us
+from headway.dashboard.contact import ContactNotice
 from headway.dashboard.view_state import PAIR_COLUMNS, Row, ViewState
 from headway_schemas.query import AlertsQuery
 
@@ -59,9 +60,9 @@ def watch(
     feed.start()
     try:
         if live:
-            _show(watcher, console, ended)
+            _show(watcher, console, ended, ", ".join(connect))
         else:
-            _print_lines(watcher, ended, as_json=as_json)
+            _print_lines(watcher, ended, ContactNotice("watch", connect), as_json=as_json)
     except KeyboardInterrupt:
         pass
     except BrokenPipeError:
@@ -106,10 +107,11 @@ class Watcher:
             self._caught_up, self._attempts = connection.connections, 0
 
 
-def _print_lines(watcher: Watcher, ended: threading.Event, *, as_json: bool) -> None:
+def _print_lines(watcher: Watcher, ended: threading.Event, notice: ContactNotice, *, as_json: bool) -> None:
     health_printed_us = 0
     while not ended.is_set():
         changes = watcher.refresh()
+        notice.update(watcher.feed.connection.connected)
         if as_json:
             lines = json_lines(changes)
         else:
@@ -124,13 +126,12 @@ def _print_lines(watcher: Watcher, ended: threading.Event, *, as_json: bool) -> 
         ended.wait(REFRESH_S)
 
 
-def _show(watcher: Watcher, console: Console, ended: threading.Event) -> None:
+def _show(watcher: Watcher, console: Console, ended: threading.Event, where: str) -> None:
     with Live(console=console, screen=True, auto_refresh=False) as live:
         while not ended.is_set():
             watcher.refresh()
-            live.update(
-                screen(watcher.view_state, watcher.feed.connection, watcher.revision, console.height), refresh=True
-            )
+            view = screen(watcher.view_state, watcher.feed.connection, watcher.revision, console.height, where)
+            live.update(view, refresh=True)
             ended.wait(REFRESH_S)
 
 
@@ -152,26 +153,24 @@ def plain_lines(changes: Row) -> Iterator[str]:
         yield f"{_clock(h['t_us'])} {h['site']} health {h['instance']} {_health(h)}"
 
 
-def screen(view_state: ViewState, connection: Connection, now_us: int, height: int) -> RenderableType:
-    """Return the live view for a terminal of so many lines."""
+def screen(view_state: ViewState, connection: Connection, now_us: int, height: int, where: str = "") -> RenderableType:
+    """Return the live view for a terminal of `height` lines; `where` names the endpoints of the bus."""
     instances = _instances(view_state)
     alerts = _alerts(view_state, now_us)
     room = height - len(view_state.instances) - min(len(alerts.rows), _ALERTS_SHOWN) - 9
-    return Group(_line(connection), instances, alerts, _pairs(view_state, max(room, 3)))
+    return Group(_line(connection, where), instances, alerts, _pairs(view_state, max(room, 3)))
 
 
-def _line(connection: Connection) -> Text:
-    up = (
-        Text(" connected ", "black on green")
-        if connection.connected
-        else Text(" no contact with the bus ", "white on red")
-    )
+def _line(connection: Connection, where: str) -> Text:
+    contact = Text(" connected ", "black on green")
+    if not connection.connected:
+        contact = Text.assemble((" no contact with the bus ", "white on red"), f" {where}: is `headway serve` running?")
     trouble = (
         f"  {connection.dropped} not shown, {connection.unreadable} unreadable"
         if connection.dropped or connection.unreadable
         else ""
     )
-    return Text.assemble(("headway ", "bold"), up, (trouble, "yellow"))
+    return Text.assemble(("headway ", "bold"), contact, (trouble, "yellow"))
 
 
 def _instances(view_state: ViewState) -> Table:

@@ -61,6 +61,11 @@ def test_json_has_the_keys_that_scripts_depend_on():
     assert found["slo"]["ok"] is True
 
 
+def test_a_bound_on_a_core_is_held_against_all_messages_of_a_second():
+    assert missed_targets(OUTCOME, Targets(service_cpu_percent=0.13)) == []
+    assert missed_targets(OUTCOME, Targets(service_cpu_percent=0.11)) == ["service CPU % of a core is 0.12, above 0.11"]
+
+
 def test_json_of_a_run_that_nobody_heard():
     found = json.loads(json.dumps(to_json(replace(OUTCOME, service=None), Targets())))
     assert found["scored"] is None
@@ -68,7 +73,16 @@ def test_json_of_a_run_that_nobody_heard():
         "ok": False,
         "missed": ["no service reported on this site"],
         "targets": dict.fromkeys(
-            ("p50_ms", "p99_ms", "service_cpu_us", "rss_mb", "recovered_s", "surge_p99_ms", "rss_growth")
+            (
+                "p50_ms",
+                "p99_ms",
+                "service_cpu_us",
+                "service_cpu_percent",
+                "rss_mb",
+                "recovered_s",
+                "surge_p99_ms",
+                "rss_growth",
+            )
         ),
     }
 

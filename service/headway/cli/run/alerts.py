@@ -1,7 +1,9 @@
 """What a journal holds, read from its file or asked for on the bus."""
 
 import json
+import re
 import sqlite3
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +16,7 @@ from pydantic import ValidationError
 from rich.console import Console
 from rich.table import Table
 
+from headway.cli.run.bus import BusAccess
 from headway.client import BusFeed
 from headway.edge.storage import journal_query
 from headway.edge.storage.journal import reason_of
@@ -24,20 +27,22 @@ from headway_schemas.event import Event
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
 _CONNECT_S: Final = 5.0
+_AGO: Final = re.compile(r"-(?P<count>\d+(\.\d+)?)(?P<unit>[smhd])")
+_SECONDS: Final = {"s": 1, "m": 60, "h": 3_600, "d": 86_400}
 
 
-def journal_file(journal: Path | None) -> Path:
-    """Return the journal that is meant: the one named, or that of the service with the settings of here and now."""
+def journal_file(journal: Path | None, config: Path | None = None) -> Path:
+    """Return the journal that is meant: the one named, or that of the service with these settings."""
     if journal is not None:
         return journal
-    folder = load().settings.state_dir
+    folder = load(config).settings.state_dir
     if folder is None:
         raise UserError("no journal: state_dir is empty; name one with --journal")
     return folder / JOURNAL_FILE
 
 
 def query(**asked: Any) -> AlertsQuery:
-    """Return a query of what was asked on the command line; times are ISO 8601 (UTC unless they say), or None."""
+    """Return a query of what was asked on the command line; times are ISO 8601 (UTC unless they say), ago, or None."""
     times = {f"{name}_us": _time_us(asked.pop(f"{name}_time")) for name in ("from", "to")}
     try:
         return AlertsQuery.from_parameters({k: str(v) for k, v in {**asked, **times}.items() if v is not None})
@@ -58,15 +63,51 @@ def show(file: Path, asked: AlertsQuery, *, as_json: bool) -> None:
     if as_json:
         typer.echo(json.dumps({"alerts": [event.model_dump(mode="json") for event in told]}))
         return
-    table = Table("detected", "event", "phase", "kind", "sensor", "suspect", "statistic", "gate")
-    for event in told:
-        numbers = ("" if value is None else f"{value:.4g}" for value in (event.statistic, event.gate))
-        when = datetime.fromtimestamp(event.detected_us / 1e6, UTC).isoformat(" ", "milliseconds")
-        table.add_row(when, event.event_id, event.phase, event.kind, event.sensor, event.suspect, *numbers)
-    Console().print(table)
+    rows = [_row(event) for event in told]
+    if sys.stdout.isatty():
+        print_table(rows, Console())
+    else:
+        for row in rows:
+            typer.echo("\t".join(row.values()))
 
 
-def in_journal(event_id: str, journal: Path | None) -> list[Event]:
+def _row(event: Event) -> dict[str, str]:
+    """Return the columns, the most important first."""
+    when = datetime.fromtimestamp(event.detected_us / 1e6, UTC)
+    return {
+        "event": event.event_id,
+        "detected": when.isoformat("T", "milliseconds").replace("+00:00", "Z"),
+        "phase": event.phase,
+        "kind": event.kind,
+        "sensor": event.sensor,
+        "suspect": event.suspect,
+        "statistic": "" if event.statistic is None else f"{event.statistic:.4g}",
+        "gate": "" if event.gate is None else f"{event.gate:.4g}",
+    }
+
+
+def print_table(rows: list[dict[str, str]], console: Console) -> None:
+    """Print as many columns as are shown in full; an id is always one of them, if need be beyond the edge."""
+    if not rows:
+        console.print("no events")
+        return
+    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in rows[0]}
+    table = Table(box=None, pad_edge=False)
+    shown: list[str] = []
+    for name, width in widths.items():
+        if shown and sum(widths[column] + 2 for column in shown) + width > console.width:
+            break
+        shown.append(name)
+        table.add_column(name, no_wrap=True)
+    for row in rows:
+        table.add_row(*(row[name] for name in shown))
+    console.width = max(console.width, widths["event"])
+    console.print(table)
+    if len(shown) < len(widths):
+        console.print(f"[dim]not shown, for want of room: {', '.join(list(widths)[len(shown) :])}[/]")
+
+
+def in_journal(event_id: str, file: Path) -> list[Event]:
     """Return every update of an event in a journal file, oldest first.
 
     Raises
@@ -74,11 +115,10 @@ def in_journal(event_id: str, journal: Path | None) -> list[Event]:
     UserError
         There is no such event, or no journal.
     """
-    file = journal_file(journal)
     return _found(event_id, statements(file, _of_event(event_id)), str(file))
 
 
-def on_bus(event_id: str, endpoint: str, site: str) -> list[Event]:
+def on_bus(event_id: str, bus: BusAccess, site: str) -> list[Event]:
     """Return every update of an event in the journals of a site that answer on the bus, oldest first.
 
     Raises
@@ -87,7 +127,7 @@ def on_bus(event_id: str, endpoint: str, site: str) -> list[Event]:
         There is no such event, or no journal answers.
     """
     asked = _of_event(event_id)
-    feed = BusFeed([endpoint], [site])
+    feed = BusFeed(bus.endpoints, [site], prefix=bus.prefix, zenoh_config=bus.zenoh_config)
     feed.start()
     try:
         give_up_s = time.monotonic() + _CONNECT_S
@@ -98,9 +138,8 @@ def on_bus(event_id: str, endpoint: str, site: str) -> list[Event]:
         feed.close()
     if not found.answers:
         said = f" ({found.problems[0]})" if found.problems else ""
-        raise UserError(
-            f"{endpoint}: no journal of site {site} answers{said}; see --site, and state_dir of the service"
-        )
+        where = ", ".join(bus.endpoints) or bus.zenoh_config
+        raise UserError(f"{where}: no journal of site {site} answers{said}; see --site, and state_dir of the service")
     return _found(event_id, found.events[::-1], f"the journals of site {site}")
 
 
@@ -120,10 +159,12 @@ def _found(event_id: str, events: list[Event], where: str) -> list[Event]:
 def _time_us(text: str | None) -> int | None:
     if text is None:
         return None
+    if ago := _AGO.fullmatch(text):
+        return time.time_ns() // 1000 - round(float(ago["count"]) * _SECONDS[ago["unit"]] * 1e6)
     try:
         when = datetime.fromisoformat(text)
     except ValueError:
-        raise UserError(f"{text}: no time; write it like 2024-05-01T12:00:00Z") from None
+        raise UserError(f"{text}: no time; write it like 2024-05-01T12:00:00Z, or -1h for an hour ago") from None
     return round((when if when.tzinfo else when.replace(tzinfo=UTC)).timestamp() * 1e6)
 
 

@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from headway.cli.run.progress import in_one_line, progress_bar
-from headway.cli.run.service_process import running_service
+from headway.cli.run.service_process import PREFIX, running_service
 from headway_loadtest import run as runs
 from headway_loadtest.inject.faults import ALGORITHM_1, Kind, Spec
 from headway_loadtest.measure.report import Targets, show, to_json
@@ -22,7 +22,7 @@ DEMO_SEED = 1
 DEMO_INJECTION = Spec(c=1.0, p=0.003, share=0.4, kinds=(*ALGORITHM_1, Kind.SHORT, Kind.MISS))
 
 
-def demo(*, pairs: int, seconds: float, as_json: bool) -> None:
+def demo(*, pairs: int, seconds: float, config: Path | None, as_json: bool) -> None:
     """Service and replay in one go: a sample in the SPMD format, with anomalies put in, and what was found of them."""
     console = Console(stderr=as_json)
     with in_one_line(), tempfile.TemporaryDirectory() as folder:
@@ -31,11 +31,11 @@ def demo(*, pairs: int, seconds: float, as_json: bool) -> None:
         frames = SceneFrames(source, seed=DEMO_SEED, inject=DEMO_INJECTION)
         console.print("Starting the service (its first start compiles the filters, which takes a minute).")
         with (
-            running_service({"site": "demo"}) as service,
+            running_service({"site": "demo"}, config) as service,
             connect(service.endpoint) as session,
             progress_bar("driving", seconds, console) as show_progress,
         ):
-            outcome = runs.run(session, frames, Keys("v2x", "demo"), runs.Plan(), on_progress=show_progress)
+            outcome = runs.run(session, frames, Keys(PREFIX, "demo"), runs.Plan(), on_progress=show_progress)
     if as_json:
         typer.echo(json.dumps(to_json(outcome, Targets())))
     else:

@@ -12,6 +12,7 @@ import urllib.request
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import IO
 
 from headway.errors import UserError
@@ -20,6 +21,8 @@ from headway.settings import ENV_PREFIX
 READY_S = 300.0
 """The first start of a model compiles its kernels; later ones load them."""
 STOP_S = 20.0
+PREFIX = "v2x"
+"""Of the keys of a service that runs here."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,10 +54,10 @@ def scraping(url: str, every_s: float) -> Iterator[None]:
 
 
 @contextmanager
-def running_service(settings: Mapping[str, object]) -> Iterator[Child]:
+def running_service(settings: Mapping[str, object], config: Path | None = None) -> Iterator[Child]:
     """Run `headway serve` on free loopback ports; say where once it is ready, stop it at the end.
 
-    `settings` are added to what the environment says.
+    It has the settings of `config` and of the environment, with `settings` over both, on a bus of its own.
 
     Raises
     ------
@@ -63,10 +66,17 @@ def running_service(settings: Mapping[str, object]) -> Iterator[Child]:
     """
     bus, http = _free_ports(2)
     endpoint = f"tcp/127.0.0.1:{bus}"
-    own = {"mode": "peer", "connect": "", "listen": endpoint, "http_port": http, "log_level": "warning"}
-    own |= {"state_dir": "", **settings}
+    own: dict[str, object] = {"prefix": PREFIX, "mode": "peer", "connect": "", "listen": endpoint}
+    own |= {
+        "zenoh_config": "",
+        "http_host": "127.0.0.1",
+        "http_port": http,
+        "log_level": "warning",
+        "state_dir": "",
+        **settings,
+    }
     environment = os.environ | {ENV_PREFIX + name.upper(): str(value) for name, value in own.items()}
-    command = [sys.executable, "-m", "headway", "serve"]
+    command = [sys.executable, "-m", "headway", "serve", *(["--config", str(config)] if config else [])]
     with tempfile.TemporaryFile("w+") as words:
         process = subprocess.Popen(command, env=environment, stderr=words, stdout=subprocess.DEVNULL)  # noqa: S603
         try:

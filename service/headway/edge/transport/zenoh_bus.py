@@ -26,7 +26,7 @@ from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel, Query
 from headway.edge.transport.receive_queue import ReceiveQueue
 from headway.edge.worker import Worker
-from headway.errors import UserError
+from headway.errors import UserError, zenoh_reason
 from headway_schemas.keys import Keys
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
@@ -84,7 +84,7 @@ class BusConfig:
             for key, value in self._inserted():
                 config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise BusError(f"zenoh options: {_brief(error)}") from None
+            raise BusError(f"zenoh options: {zenoh_reason(error)}") from None
         return config
 
     def _inserted(self) -> list[tuple[str, Any]]:
@@ -159,8 +159,8 @@ class ZenohBus:
                 self._session = zenoh.open(self._options)
             except zenoh.ZError as error:
                 if not self._is_client:
-                    raise BusError(f"zenoh: {_brief(error)}") from None
-                _log.warning("no router yet", error=_brief(error), again_in_s=wait_s)
+                    raise BusError(f"zenoh: {zenoh_reason(error)}") from None
+                _log.warning("no router yet", error=zenoh_reason(error), again_in_s=wait_s)
                 if not pause(wait_s):
                     return False
                 wait_s = min(2 * wait_s, longest_s)
@@ -275,7 +275,7 @@ class ZenohBus:
             try:
                 self._session.close()
             except zenoh.ZError as error:
-                _log.warning("closed with messages unsent", workers=unsent, error=_brief(error))
+                _log.warning("closed with messages unsent", workers=unsent, error=zenoh_reason(error))
 
     def _receive(self) -> None:
         """Receive what arrived since the last poll; its receive time is the middle between the two polls."""
@@ -349,8 +349,3 @@ class _ZenohQuery:
     def _reply_error(self, reason: str) -> None:
         self._query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
         self._query.drop()
-
-
-def _brief(error: Exception) -> str:
-    """Return the message of an error without its place in the sources of zenoh."""
-    return str(error).partition(" at /")[0].strip()

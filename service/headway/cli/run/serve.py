@@ -1,0 +1,186 @@
+"""The service: its parts made and joined, run until it is told to stop, and closed in order."""
+
+import os
+import signal
+import sys
+import threading
+from pathlib import Path
+
+import structlog
+
+from headway import kernel_cache
+from headway.core.engine import Engine
+from headway.edge.clock import SystemClock
+from headway.edge.codec.decoder import Codec
+from headway.edge.codec.evidence import parameters
+from headway.edge.context import ServiceContext
+from headway.edge.identity import Identity
+from headway.edge.loop import LoopConfig, ServiceLoop
+from headway.edge.storage.persistence import Persistence, PersistenceConfig
+from headway.edge.telemetry import logging_setup
+from headway.edge.telemetry.accounting import Ledger
+from headway.edge.telemetry.health import HealthState
+from headway.edge.telemetry.http_server import HttpServer
+from headway.edge.telemetry.latency import Latencies
+from headway.edge.telemetry.metrics import CONTENT_TYPE, Metrics
+from headway.edge.telemetry.reporter import ReportConfig, Reporter
+from headway.edge.transport.ports import Channel
+from headway.edge.transport.receive_queue import ReceiveQueue
+from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
+from headway.errors import UserError
+from headway.kernel_cache import core_digest
+from headway.settings import Loaded, Origin, Settings
+from headway.version import version
+from headway_schemas.keys import Keys
+
+_log = structlog.get_logger(__name__)
+
+
+def serve(loaded: Loaded) -> None:
+    """Run until SIGTERM or SIGINT, then judge what is queued, report, and sign off.
+
+    Raises
+    ------
+    UserError
+        An address or an option cannot be had.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    settings = loaded.settings
+    logging_setup.configure(settings.log_level, settings.log_format)
+    structlog.contextvars.bind_contextvars(site=settings.site, instance=settings.instance)
+
+    clock = SystemClock()
+    keys = Keys(settings.prefix, settings.site)
+    identity = Identity(
+        site=settings.site,
+        instance=settings.instance,
+        version=version(),
+        model=settings.model,
+        config_hash=settings.config_hash,
+        parameters=parameters(settings.detector(), version(), core_digest()),
+    )
+    health, ledger, latencies = HealthState(clock), Ledger(), Latencies()
+    codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
+    age_limit_ns = int(settings.queue_age_limit_s * 1e9)
+    receive_queue = ReceiveQueue(settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in)
+    bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue)
+    engine = Engine(settings.detector())
+    persistence = None
+    if settings.state_dir is not None:
+        persistence = Persistence(
+            _persistence_config(settings, settings.state_dir),
+            identity,
+            engine,
+            clock,
+            lambda update: bus.publish(Channel.ALERT, update.key, update.payload),
+        )
+    context = ServiceContext(
+        identity=identity,
+        keys=keys,
+        clock=clock,
+        codec=codec,
+        engine=engine,
+        bus=bus,
+        health=health,
+        ledger=ledger,
+        latencies=latencies,
+        vehicle_capacity=settings.vehicle_capacity,
+        queue_limit=settings.queue_limit,
+        alarm_budget_per_hour=settings.alarm_budget_per_hour,
+        persistence=persistence,
+    )
+    loop = ServiceLoop(_loop_config(settings), context, Reporter(_report_config(settings), context))
+    metrics = Metrics(context)
+    with _http(settings, metrics, health) as http:
+        _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
+        with kernel_cache.alone():
+            kept = kernel_cache.kept()
+            engine.warm_up()
+            codec.warm_up()
+            compiled = kernel_cache.kept() - kept
+        if compiled and not stop.is_set():
+            # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
+            _log.info("starting anew", compiled=compiled)
+            os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
+        if persistence is not None:
+            persistence.snapshots.load()
+        health.warm = True
+        try:
+            if bus.open(lambda seconds: not stop.wait(seconds)):
+                _log.info("ready", connect=settings.connect, listen=settings.listen)
+                loop.run(stop.is_set)
+                left = loop.drain(settings.stop_timeout_s)
+                _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected, left=left)
+        finally:
+            if persistence is not None:
+                persistence.close()
+            bus.close()
+
+
+def _http(settings: Settings, metrics: Metrics, health: HealthState) -> HttpServer:
+    try:
+        return HttpServer(
+            settings.http_host,
+            settings.http_port,
+            metrics=metrics.text,
+            content_type=CONTENT_TYPE,
+            liveness_problem=lambda: health.liveness_problem,
+            readiness_problem=lambda: health.readiness_problem,
+        )
+    except OSError as error:
+        where = f"http://{settings.http_host}:{settings.http_port}"
+        raise UserError(f"{where}: {error.strerror}; set http_host or http_port") from None
+
+
+def _bus_config(loaded: Loaded) -> BusConfig:
+    settings = loaded.settings
+    options = None
+    if settings.zenoh_config is not None:
+        try:
+            options = settings.zenoh_config.read_text(encoding="utf-8")
+        except OSError as error:
+            raise UserError(f"zenoh_config {settings.zenoh_config}: {error.strerror}") from None
+
+    def unless_left_to_file(name: str) -> bool:
+        return options is None or loaded.origins[name] is not Origin.DEFAULT
+
+    return BusConfig(
+        instance=settings.instance,
+        mode=settings.mode if unless_left_to_file("mode") else None,
+        connect=settings.connect if unless_left_to_file("connect") else None,
+        listen=settings.listen if unless_left_to_file("listen") else None,
+        options=options,
+        connect_timeout_s=settings.connect_timeout_s,
+        block_timeout_s=settings.block_timeout_s,
+        alert_limit=settings.alert_queue_limit,
+        history=settings.state_dir is not None,
+    )
+
+
+def _persistence_config(settings: Settings, folder: Path) -> PersistenceConfig:
+    return PersistenceConfig(
+        folder=folder,
+        journal_days=settings.journal_days,
+        journal_mb=settings.journal_mb,
+        snapshot_interval_s=settings.snapshot_interval_s,
+    )
+
+
+def _report_config(settings: Settings) -> ReportConfig:
+    return ReportConfig(
+        state_rate_hz=settings.state_rate_hz,
+        state_budget_hz=settings.state_budget_hz,
+        health_interval_s=settings.health_interval_s,
+    )
+
+
+def _loop_config(settings: Settings) -> LoopConfig:
+    return LoopConfig(
+        batch_limit=settings.batch_limit,
+        batch_bytes_limit=settings.batch_bytes_limit,
+        idle_sleep_s=settings.idle_sleep_s,
+        rejected_rate_hz=settings.rejected_rate_hz,
+        rejected_bytes_limit=settings.rejected_bytes_limit,
+    )
