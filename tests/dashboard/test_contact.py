@@ -12,7 +12,7 @@ def test_what_is_not_there_is_said_once_and_its_return_too() -> None:
     def after(elapsed_s: float, *, connected: bool) -> str:
         before = out.tell()
         now_s[0] += elapsed_s
-        notice.update(connected)
+        notice.update(connected=connected)
         return out.getvalue()[before:]
 
     lost = "headway watch: no contact with tcp/a:1, tcp/b:2; is `headway serve` running? Waiting for it.\n"

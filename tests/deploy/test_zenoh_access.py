@@ -134,7 +134,7 @@ class Members:
         feed = BusFeed((), ("local",), zenoh_config=file)
         feed.start()
         self.stack.callback(feed.close)
-        until(lambda: feed.link.connected)
+        until(lambda: feed.connection.connected)
         return feed
 
 

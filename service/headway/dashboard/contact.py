@@ -27,7 +27,7 @@ class ContactNotice:
         self._last_contact_s = now_s()
         self._waiting = False
 
-    def update(self, connected: bool) -> None:
+    def update(self, *, connected: bool) -> None:
         """Take note of the state of the connection, now."""
         now_s = self._now_s()
         if connected:

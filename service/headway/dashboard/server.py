@@ -91,7 +91,7 @@ class Server(uvicorn.Server):
     async def on_tick(self, counter: int) -> bool:
         """Update the notice of contact, ten times a second."""
         if self._notice is not None:
-            self._notice.update(self._feed.connection.connected)
+            self._notice.update(connected=self._feed.connection.connected)
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:

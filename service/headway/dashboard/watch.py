@@ -111,7 +111,7 @@ def _print_lines(watcher: Watcher, ended: threading.Event, notice: ContactNotice
     health_printed_us = 0
     while not ended.is_set():
         changes = watcher.refresh()
-        notice.update(watcher.feed.connection.connected)
+        notice.update(connected=watcher.feed.connection.connected)
         if as_json:
             lines = json_lines(changes)
         else:
