@@ -11,7 +11,7 @@ import os
 import re
 import socket
 import tomllib
-from collections.abc import Callable, Container, Iterable, Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum, unique
 from pathlib import Path
@@ -38,6 +38,7 @@ class Origin(StrEnum):
     DEFAULT = "default"
     FILE = "file"
     ENVIRONMENT = "environment"
+    OPTION = "option"
 
 
 def _listed(value: object) -> object:
@@ -203,8 +204,25 @@ class Settings(BaseSettings):
     @property
     def config_hash(self) -> str:
         """Twelve hexadecimal digits that differ when anything that changes a verdict differs."""
-        canonical = json.dumps(asdict(self.detector()), sort_keys=True)
-        return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+        return config_hash(self.detector())
+
+
+def config_hash(config: DetectorConfig) -> str:
+    """Return twelve hexadecimal digits that differ when anything that changes a verdict differs."""
+    canonical = json.dumps(asdict(config), sort_keys=True)
+    return hashlib.sha256(canonical.encode()).hexdigest()[:12]
+
+
+class _Given(Settings):
+    """The same settings from arguments alone: neither a file nor the environment is read."""
+
+    @classmethod
+    def settings_customise_sources(
+        cls, settings_cls: type[BaseSettings], init_settings: PydanticBaseSettingsSource, *_: Any, **__: Any
+    ) -> tuple[PydanticBaseSettingsSource, ...]:
+        """Read the arguments only."""
+        del settings_cls
+        return (init_settings,)
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,22 +233,41 @@ class Loaded:
     origins: Mapping[str, Origin]
 
 
-def load(file: Path | None = None) -> Loaded:
-    """Read the TOML `file`, then the environment over it.
+def load(file: Path | None = None, options: Mapping[str, str] | None = None) -> Loaded:
+    """Read the TOML `file`, then the environment over it, then `options`, the text of each value by its name.
 
     Raises
     ------
     SettingsError
         The file cannot be read, a name is unknown, or a value is not allowed.
     """
-    in_file = _read(file) if file else {}
+    in_file, options = _read(file) if file else {}, options or {}
     in_environment = {name[len(ENV_PREFIX) :].lower() for name in os.environ if name.upper().startswith(ENV_PREFIX)}
-    _refuse_unknown(in_file, f"in {file}", str)
-    _refuse_unknown(in_environment, "in the environment", _variable)
+    _refuse_unknown(in_file, f" in {file}", str)
+    _refuse_unknown(in_environment, " in the environment", _variable)
+    _refuse_unknown(options, "", str)
     origins = {name: _origin(name, in_file, in_environment) for name in Settings.model_fields}
+    origins |= dict.fromkeys(options, Origin.OPTION)
     try:
-        return Loaded(Settings(**in_file), origins)
+        settings = Settings(**in_file)
+        return Loaded(_Given(**{**settings.model_dump(), **options}) if options else settings, origins)
     except ValidationError as error:
+        raise SettingsError("; ".join(_describe(problem, origins) for problem in error.errors())) from None
+
+
+def detector_config(values: Mapping[str, Any]) -> DetectorConfig:
+    """Return the configuration with these parameters, and the default of each other one.
+
+    Raises
+    ------
+    SettingsError
+        A name is unknown, or a value is not allowed.
+    """
+    _refuse_unknown(values, "", str, _DETECTOR)
+    try:
+        return _Given(**values).detector()
+    except ValidationError as error:
+        origins = dict.fromkeys(Settings.model_fields, Origin.OPTION)
         raise SettingsError("; ".join(_describe(problem, origins) for problem in error.errors())) from None
 
 
@@ -257,14 +294,14 @@ _RENAMED: Final = {"miss_after_s": "silence_timeout_s", "forget_after_s": "vehic
 """Names of earlier versions, which no spelling leads to the new ones."""
 
 
-def _refuse_unknown(names: Iterable[str], place: str, spell: Callable[[str], str]) -> None:
+def _refuse_unknown(
+    names: Iterable[str], place: str, spell: Callable[[str], str], known: Collection[str] = Settings.model_fields
+) -> None:
     for name in sorted(names):
-        if name not in Settings.model_fields:
-            nearest = (
-                [_RENAMED[name]] if name in _RENAMED else difflib.get_close_matches(name, Settings.model_fields, n=1)
-            )
+        if name not in known:
+            nearest = [_RENAMED[name]] if name in _RENAMED else difflib.get_close_matches(name, known, n=1)
             hint = f"did you mean {spell(nearest[0])}?" if nearest else "`headway config show` lists the names"
-            raise SettingsError(f"unknown setting {spell(name)} {place}: {hint}")
+            raise SettingsError(f"unknown setting {spell(name)}{place}: {hint}")
 
 
 def _describe(problem: Any, origins: Mapping[str, Origin]) -> str:

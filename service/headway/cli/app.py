@@ -8,6 +8,7 @@ import typer
 from headway.cli import alerts, config, evaluate
 from headway.cli.demo import demo
 from headway.cli.explain import explain
+from headway.cli.judge import judge
 from headway.cli.loadtest import loadtest
 from headway.cli.replay import replay
 from headway.cli.serve import serve
@@ -49,7 +50,7 @@ def root(
     """
 
 
-for command in (serve, demo, replay, loadtest, watch, dashboard, explain):
+for command in (serve, judge, demo, replay, loadtest, watch, dashboard, explain):
     app.command()(command)
 app.add_typer(config.app, name="config")
 app.add_typer(alerts.app, name="alerts")

@@ -14,7 +14,7 @@ from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
 from headway.core.types.snapshot import Snapshot
-from headway.core.types.step_result import PairStates, StepResult, StepTally
+from headway.core.types.step_result import PairStates, RecordVerdicts, StepResult, StepTally
 
 
 class Engine:
@@ -40,12 +40,13 @@ class Engine:
         """Open events."""
         return len(self._site.events) + len(self._site.pair_events) + len(self._site.misses)
 
-    def step(self, batch: Batch, now_us: int) -> StepResult:
+    def step(self, batch: Batch, now_us: int, out: RecordVerdicts | None = None) -> StepResult:
         """Process a batch at local time `now_us` (Unix microseconds); an empty batch lets time pass.
 
-        The order of the records within a batch has no effect: they are processed by event time.
+        The order of the records within a batch has no effect: they are processed by event time. `out`, if given, is
+        filled with what was found of each record.
         """
-        tally = StepTally()
+        tally = StepTally(records=out)
         outcomes = self._rounds.process(batch, now_us, tally) if len(batch) else np.empty(0, np.uint8)
         self._housekeeping.run(now_us, tally)
         return tally.result(outcomes)

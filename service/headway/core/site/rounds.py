@@ -12,9 +12,10 @@ from headway.core.runtime import rows as banks
 from headway.core.runtime.bound_kernel import bind_signature
 from headway.core.site.state import SiteState
 from headway.core.types.batch import I64, Batch, Columns, columns
+from headway.core.types.identifiers import id_column
 from headway.core.types.outcome import Outcome
-from headway.core.types.records import Records
-from headway.core.types.step_result import StepTally
+from headway.core.types.records import Kind, Records
+from headway.core.types.step_result import RecordVerdicts, StepTally
 
 _SCORED = np.uint8(Outcome.SCORED)
 """As numpy's own number it is compared ten times faster."""
@@ -83,6 +84,19 @@ class RoundProcessor:
         tally.restarts += finalised.classified.restarts
         if finalised.classified.all_marks:
             self._update_events(batch, ingested, verdicts, finalised, tally)
+        if tally.records is not None:
+            self._write_records(ingested, verdicts, finalised, tally.records)
+
+    def _write_records(self, ingested: Ingested, verdicts: Records, finalised: Finalised, out: RecordVerdicts) -> None:
+        """Write what was found of each record."""
+        pair, ids = finalised.pair_verdicts, self._site.vehicles.id_of
+        by_pair = (pair["kind"] != Kind.NONE) & (pair["follower_log_odds"] >= 0.0) & ~verdicts["anomalous"]
+        if by_pair.any():
+            verdicts = np.where(by_pair, pair_verdicts(pair, verdicts), verdicts)
+        out.verdicts[ingested.places] = verdicts
+        out.readings[ingested.places] = ingested.readings
+        leader_ids = [ids[row] if row >= 0 else None for row in ingested.leaders.tolist()]
+        out.leader_ids[ingested.places] = id_column(leader_ids)
 
     def _update_events(
         self, batch: Columns, ingested: Ingested, verdicts: Records, finalised: Finalised, tally: StepTally

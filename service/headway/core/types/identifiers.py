@@ -11,6 +11,8 @@ from headway.core.types.batch import Ids
 ID_BYTES = 64
 """Length of the longest identifier."""
 
+ID = np.dtype(f"S{ID_BYTES}")
+
 
 ID_WORDS = ID_BYTES // 8
 
@@ -24,7 +26,7 @@ Words = NDArray[np.uint64]
 
 def id_column(ids: Sequence[str | None]) -> Ids:
     """Return (B,) identifiers, ASCII, as a column; empty for None."""
-    return np.array([name or "" for name in ids], f"S{ID_BYTES}")
+    return np.array([name or "" for name in ids], ID)
 
 
 def id_words(column: Ids) -> Words:

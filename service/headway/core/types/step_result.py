@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, field
 from enum import StrEnum, unique
+from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from headway.core.types.batch import F64, I64
-from headway.core.types.records import Kind, Records, Sensor
+from headway.core.types.batch import F64, I64, Ids
+from headway.core.types.identifiers import ID
+from headway.core.types.records import READING, VERDICT, Kind, Records, Sensor
 
 
 @unique
@@ -78,6 +80,22 @@ class StepResult:
     leader_changes: int = 0
 
 
+class RecordVerdicts(NamedTuple):
+    """(B,) what was found of each record of a batch, in its order; zeros and no leader where it was rejected."""
+
+    verdicts: Records
+    """Of VERDICT: of the filter, or of the pair tests where they alone find a fault of this vehicle."""
+    readings: Records
+    """Of READING."""
+    leader_ids: Ids
+    """Whom each vehicle followed; empty for nobody."""
+
+    @classmethod
+    def empty(cls, count: int) -> Self:
+        """Return room for `count` records."""
+        return cls(np.zeros(count, VERDICT), np.zeros(count, READING), np.zeros(count, ID))
+
+
 @dataclass(slots=True)
 class StepTally:
     """The sums of a step in progress; the fields are those of `StepResult`."""
@@ -90,6 +108,8 @@ class StepTally:
     restarts: int = 0
     evicted: int = 0
     leader_changes: int = 0
+    records: RecordVerdicts | None = None
+    """Filled record by record, if given."""
 
     def result(self, outcomes: NDArray[np.uint8]) -> StepResult:
         """Return the sums as a result; `outcomes` (B,)."""

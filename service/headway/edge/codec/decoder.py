@@ -73,6 +73,17 @@ class Decoded:
 
 
 @dataclass(frozen=True, slots=True)
+class DecodedRecords:
+    """R records that came in no message, taken apart."""
+
+    batch: Batch
+    places: NDArray[np.intp]
+    """(B,) of the batch's records among the R."""
+    reasons: list[tuple[int, RejectReason]]
+    """Place of each other one, and why it is rejected."""
+
+
+@dataclass(frozen=True, slots=True)
 class _Opened:
     """Payloads that could be read: the records of them all, and (P,) for each payload where it came from."""
 
@@ -123,7 +134,8 @@ class Codec:
         if read.ids.size > len(messages):
             sources = np.repeat(sources, read.sizes)
         numbers = dict(zip(msgpack_columns.NAMES, read.numbers, strict=True))
-        return Decoded(_batch(read.ids, read.leader_ids, numbers, messages, sources), sources, [])
+        batch = _batch(read.ids, read.leader_ids, numbers, _received_us(messages)[sources])
+        return Decoded(batch, sources, [])
 
     def _read_compact(self, messages: Sequence[ReceivedMessage]) -> CompactRecords | None:
         """Read arrivals that are all of the usual form; None where there is more to say of one."""
@@ -142,26 +154,41 @@ class Codec:
         opened, rejections = self._open(messages)
         sizes = np.array(opened.sizes, dtype=np.int64)
         sources = np.repeat(np.array(opened.sources, dtype=np.int64), sizes)
-        table = _BSM.table(_fitting(opened.records, _BSM))
-        ids, good = list(table.cells["id"]), table.good
-        good[self._not_ids(ids)] = False
-        leader_ids, leader_numbers = self._leaders(table.cells["leader"], ids, good)
+        ids, leader_ids, numbers, good = self._columns(opened.records)
         owners = list(chain.from_iterable(map(repeat, opened.owners, opened.sizes)))
         if ids != owners:
             good[[not _may_send(owner, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
-
-        numbers = table.numbers | leader_numbers
         if not good.all():
             places = np.arange(sources.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             for i in np.flatnonzero(~good):
                 reason = _reject_reason(opened.records[i]) or _NOT_THE_SENDER
                 rejections.append(Rejection(reason, messages[sources[i]], index=int(places[i])))
-            kept = np.flatnonzero(good)
-            sources = sources[kept]
-            ids, leader_ids = [ids[i] for i in kept], [leader_ids[i] for i in kept]
-            numbers = {name: column[kept] for name, column in numbers.items()}
-        batch = _batch(id_column(ids), id_column(leader_ids), numbers, messages, sources)
-        return Decoded(batch, sources, rejections)
+        kept = np.flatnonzero(good)
+        sources = sources[kept]
+        received_us = _received_us(messages)[sources]
+        return Decoded(_batch(*_kept(kept, ids, leader_ids, numbers), received_us), sources, rejections)
+
+    def decode_records(self, records: list[Any], received_us: Sequence[int | None]) -> DecodedRecords:
+        """Turn compact records of anybody into a batch, in their order, and name what is wrong with the rest.
+
+        `received_us` says for each when it was received; None: at its event time. Where `payload.record_of` found a
+        `RejectReason`, that stands in the place of the record.
+        """
+        ids, leader_ids, numbers, good = self._columns(records)
+        places = np.flatnonzero(good)
+        t_us = numbers["t_us"]
+        times_us = [received_us[i] if received_us[i] is not None else int(t_us[i]) for i in places.tolist()]
+        reasons = [(i, _reject_reason(records[i]) or _NOT_THE_SENDER) for i in np.flatnonzero(~good).tolist()]
+        kept = _kept(places, ids, leader_ids, numbers)
+        return DecodedRecords(_batch(*kept, np.array(times_us, dtype=np.int64)), places, reasons)
+
+    def _columns(self, records: list[Any]) -> tuple[list[Any], list[Any], dict[str, F64], NDArray[np.bool_]]:
+        """Return ids, ids of leaders and numbers (R,) of compact records, and which of them the model accepts."""
+        table = _BSM.table(_fitting(records, _BSM))
+        ids, good = list(table.cells["id"]), table.good
+        good[self._not_ids(ids)] = False
+        leader_ids, leader_numbers = self._leaders(table.cells["leader"], ids, good)
+        return ids, leader_ids, table.numbers | leader_numbers, good
 
     def records_in(self, messages: Sequence[ReceivedMessage]) -> int:
         """Return how many records `decode` would account for."""
@@ -251,16 +278,27 @@ class Codec:
         return leader_ids, table.numbers
 
 
-def _batch(
-    ids: Ids, leader_ids: Ids, numbers: dict[str, F64], messages: Sequence[ReceivedMessage], sources: I64
-) -> Batch:
-    received_us = np.fromiter(map(_RECEIVED_US, messages), np.int64, len(messages))
+def _received_us(messages: Sequence[ReceivedMessage]) -> I64:
+    return np.fromiter(map(_RECEIVED_US, messages), np.int64, len(messages))
+
+
+def _kept(
+    places: NDArray[np.intp], ids: list[Any], leader_ids: list[Any], numbers: dict[str, F64]
+) -> tuple[Ids, Ids, dict[str, F64]]:
+    """Return the columns of these records only."""
+    if places.size < len(ids):
+        ids, leader_ids = [ids[i] for i in places], [leader_ids[i] for i in places]
+        numbers = {name: column[places] for name, column in numbers.items()}
+    return id_column(ids), id_column(leader_ids), numbers
+
+
+def _batch(ids: Ids, leader_ids: Ids, numbers: dict[str, F64], received_us: I64) -> Batch:
     return Batch(
         ids=ids,
         leader_ids=leader_ids,
         msg_cnt=numbers["msg_cnt"].astype(np.int64),
         t_us=numbers["t_us"].astype(np.int64),
-        received_us=received_us[sources],
+        received_us=received_us,
         lat_deg=numbers["lat"],
         lon_deg=numbers["lon"],
         speed_mps=numbers["speed_mps"],

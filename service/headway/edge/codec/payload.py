@@ -5,7 +5,7 @@ A record that comes out is not yet checked; it is whatever the sender put in its
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple
 
 import msgpack
@@ -96,9 +96,9 @@ class Reader:
             if head is not list and head is not dict:
                 return [content]
             self._require_size(content)
-            return [_record_of(item) if type(item) is dict else item for item in content]
+            return [record_of(item) if type(item) is dict else item for item in content]
         if type(content) is dict:
-            return [_record_of(content)]
+            return [record_of(content)]
         raise ValueError("neither a message nor a bundle of messages")
 
     def _messages(self, payload: bytes) -> list[Any]:
@@ -115,7 +115,8 @@ class Reader:
             raise _BundleTooLargeError(len(bundle))
 
 
-def _record_of(message: dict[str, Any]) -> list[Any] | RejectReason:
+def record_of(message: Mapping[str, Any]) -> list[Any] | RejectReason:
+    """Return the compact record of a map; a `RejectReason` where its fields are not those of version 1."""
     if not _FIELD_SET.issuperset(message):
         return shape_reason(message.get("v"), "a field that version 1 does not have")
     record = list(map(message.get, FIELDS))
