@@ -36,6 +36,8 @@ class Kind(StrEnum):
     """Readings agree with each other, but not with the response of a driver to the leader."""
     RANGE = "range"
     """Declared positions contradict a forward range sensor."""
+    UNKNOWN = "unknown"
+    """Too early to say: an update follows."""
 
 
 class Sensor(StrEnum):
@@ -45,7 +47,35 @@ class Sensor(StrEnum):
     SPEED = "speed"
     BOTH = "both"
     LINK = "link"
-    """The link between two vehicles, not a sensor of one."""
+    """The link between two vehicles or to one: not a sensor of its own."""
+    HEADING = "heading"
+
+
+class Observation(StrEnum):
+    """A physical limit that messages break, whatever the detector has learnt of the vehicle."""
+
+    POSITION_CHANGE = "position_change"
+    """A step of the position that no car can make."""
+    POSITION_FROZEN = "position_frozen"
+    """The position stays the same while the speed is not zero."""
+    POSITION_SPEED = "position_speed"
+    """Displacement and speed contradict each other over one second or four."""
+    SPEED_VALUE = "speed_value"
+    """A speed that no car has."""
+    SPEED_CHANGE = "speed_change"
+    """A change of the speed that no car can make."""
+    SPEED_FROZEN = "speed_frozen"
+    """A speed that dithered before stands still while the car moves."""
+    ACCELERATION = "acceleration"
+    """Position and speed agree upon an acceleration that no car has."""
+    HEADING = "heading"
+    """The heading contradicts the course, or turns faster than a car."""
+    INTERVAL = "interval"
+    """Messages follow each other faster than any standard allows."""
+    IDENTITY = "identity"
+    """The position goes back and forth between two places: two senders with one id."""
+    CONTRADICTION = "contradiction"
+    """Two messages of one id and one time differ."""
 
 
 class EtsiTarget(IntEnum):
@@ -129,4 +159,6 @@ class Event(Message):
     confidence: Share = None
     """Probability of the diagnosed kind and sensor."""
     etsi_target: EtsiTarget | None = None
+    observations: Annotated[tuple[Observation, ...], Field(strict=False)] = ()
+    """Physical limits that the suspect's messages break at this statement."""
     evidence: Evidence | None = None

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from headway_schemas import Event, Evidence, Innovation, Kind, Phase, Recovered, Sensor
-from headway_schemas.event import EtsiTarget, Stage
+from headway_schemas.event import EtsiTarget, Observation, Stage
 
 EVENT = Event(
     event_id="e-1",
@@ -29,6 +29,7 @@ EVENT = Event(
     config_hash="0123456789ab",
     confidence=0.9,
     etsi_target=EtsiTarget.SPEED,
+    observations=(Observation.SPEED_CHANGE,),
     evidence=Evidence(
         columns=["t_s", "x_m"],
         readings=[[0.0, 1.0], [0.1, math.nan]],
@@ -46,7 +47,7 @@ def test_the_fields_are_those_of_the_contract() -> None:
     assert list(json.loads(EVENT.model_dump_json())) == [
         "event_id", "phase", "kind", "sensor", "suspect", "leader", "follower", "site", "t_us", "detected_us",
         "nis", "statistic", "gate", "p_value", "innovation", "recovered", "latency_us", "model", "config_hash",
-        "confidence", "etsi_target", "evidence",
+        "confidence", "etsi_target", "observations", "evidence",
     ]  # fmt: skip
 
 

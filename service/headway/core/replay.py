@@ -8,6 +8,7 @@ from numba import njit
 
 from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, pair_verdicts, step_pair, substitute_rejected
 from headway.core.pipeline.detectors import build_detectors
+from headway.core.plausibility.checks import check_readings, combine
 from headway.core.runtime import rows as banks
 from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Records
@@ -50,7 +51,10 @@ def replay(evidence: Evidence, config: DetectorConfig) -> Replay:
     row = np.zeros(1, np.int64)
     verdicts = banks.verdicts(readings.size)
     for k in range(readings.size):
-        model.step_batch(bank["model"], row, readings[k : k + 1], model.params, verdicts[k : k + 1])
+        of = slice(k, k + 1)
+        check_readings(bank["plausibility"], row, readings[of], detectors.limits, verdicts[of])
+        model.step_batch(bank["model"], row, readings[of], model.params, verdicts[of])
+        combine(bank["plausibility"], row, detectors.limits, verdicts[of])
     pair_tests = np.zeros(readings.size, PAIR_TEST_VERDICT)
     _step_pair_tests(
         bank["pair_tests"],

@@ -134,13 +134,16 @@ def test_a_speed_that_is_stuck_at_zero_does_not_bend_the_odometer() -> None:
     assert record.x_m[:, 0] == pytest.approx(12.0 * record.t_s, abs=0.1)
 
 
-def test_same_count_and_time_is_a_duplicate_and_anything_else_not_newer_out_of_order() -> None:
+def test_a_copy_is_a_duplicate_another_content_a_contradiction_and_an_older_one_out_of_order() -> None:
     world = World()
     hear(world, 0.0, 0.0)
     hear(world, 0.1, 1.0, msg_cnt=1)
     before = world.tracks.tobytes()
     outcome, x_m, sequence_gaps, initialised = hear(world, 0.1, 50.0, msg_cnt=1)
-    assert (outcome, sequence_gaps, initialised) == (Outcome.DUPLICATE, 0, False)
+    assert (outcome, sequence_gaps, initialised) == (Outcome.CONTRADICTION, 0, False)
+    assert world.tracks["contradictions"][0] == 1
+    world.tracks["contradictions"][0] = 0
+    assert hear(world, 0.1, 1.0, msg_cnt=1)[0] == Outcome.DUPLICATE
     assert hear(world, 0.1, 1.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert math.isnan(x_m)
     assert hear(world, 0.05, 50.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
@@ -206,7 +209,8 @@ def test_a_clock_that_jumps_ahead_and_back_costs_its_own_readings_only() -> None
     for k in range(100):
         jump_s = 0.8 if k == 50 else 0.0
         outcome = hear(world, k * STEP_S + jump_s, k * 1.0)[0]
-        assert outcome == (Outcome.OUT_OF_ORDER if 50 < k < 58 else Outcome.DUPLICATE if k == 58 else Outcome.SCORED)
+        rejected = Outcome.OUT_OF_ORDER if k < 58 else Outcome.CONTRADICTION
+        assert outcome == (rejected if 50 < k <= 58 else Outcome.SCORED)
     assert world.tracks["x_m"][0] == pytest.approx(99.0, abs=1e-5)
     assert world.tracks["interval_s"][0] < 0.2
 

@@ -136,15 +136,15 @@ def test_what_is_too_old_is_pruned_a_step_at_a_time(path: Path) -> None:
 
 def test_the_oldest_are_pruned_when_there_is_too_much(path: Path) -> None:
     writer = journal_at(path, megabytes=1.0)
-    for n in range(1, 1_501):
+    for n in range(1, 1_201):
         writer.write([update(n)])
     while writer.prune(2_000):
         pass
     assert writer.used_bytes <= 1_000_000
     kept = detected(path, limit=1000)
     assert 100 < len(kept) < 1_000
-    assert kept == list(range(1_500, 1_500 - len(kept), -1))
-    for n in range(1_501, 3_001):
+    assert kept == list(range(1_200, 1_200 - len(kept), -1))
+    for n in range(1_201, 3_001):
         writer.write([update(n)])
         writer.prune(3_001)
     assert path.stat().st_size < 2_000_000

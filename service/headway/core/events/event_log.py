@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from headway.core.events.evidence import EvidenceStore
 from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.batch import I64
-from headway.core.types.records import Kind, Records, Sensor
+from headway.core.types.records import Kind, Observation, Records, Sensor
 from headway.core.types.snapshot import OpenEvent
 from headway.core.types.step_result import AnomalyEvent, Phase
 
@@ -152,5 +152,10 @@ class EventLog:
                 float(verdict["x_std_m"]),
                 float(verdict["v_std_mps"]),
             ),
+            observations=_observations(int(verdict["observed"])),
             evidence=self._evidence.of(of.row),
         )
+
+
+def _observations(observed: int) -> tuple[str, ...]:
+    return tuple(one.label for one in Observation(observed))

@@ -30,6 +30,9 @@ def build_readings(tables: Tables, batch: Columns, rows: I64, places: I64, decla
         z.t_s = 1e-6 * track.t_us
         z.x_m = track.x_m
         z.v_mps = track.v_mps
+        z.east_m, z.north_m = track.step_east_m, track.step_north_m
+        z.heading_deg, z.accuracy_m = batch.heading_deg[places[i]], track.accuracy_m
+        z.contradictions, track.contradictions = track.contradictions, 0
         leader_row = leader_of(tracks, tables.pairing, rows[i])
         leaders[i] = leader_row
         if leader_row == NO_LEADER or abs(z.t_s - tables.verdict_t_s[leader_row]) > LEADER_STALE_S:

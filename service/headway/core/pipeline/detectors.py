@@ -1,4 +1,4 @@
-"""The detectors of a configuration: the motion model and the pair tests. Their state is one bank row."""
+"""The detectors of a configuration: plausibility checks, motion model and pair tests. Their state is one bank row."""
 
 from dataclasses import dataclass, replace
 
@@ -6,6 +6,8 @@ import numpy as np
 
 from headway.core.consistency.pair_tests import PAIR_TESTS, PairTestParams, pair_test_params
 from headway.core.estimation import registry
+from headway.core.plausibility.limits import Limits
+from headway.core.plausibility.state import PLAUSIBILITY
 from headway.core.types.config import DetectorConfig
 
 PAIR_TEST_SHARE = 0.5
@@ -18,8 +20,9 @@ class Detectors:
 
     model: registry.Model
     pair_test_params: PairTestParams
+    limits: Limits
     dtype: np.dtype[np.void]
-    """Row of the bank: `model` for the motion model, and `pair_tests`."""
+    """Row of the bank: `model` for the motion model, `pair_tests` and `plausibility`."""
 
 
 def build_detectors(config: DetectorConfig) -> Detectors:
@@ -30,5 +33,6 @@ def build_detectors(config: DetectorConfig) -> Detectors:
     return Detectors(
         model=model,
         pair_test_params=pair_test_params(PAIR_TEST_SHARE * config.alarm_budget_per_hour),
-        dtype=np.dtype([("model", model.dtype), ("pair_tests", PAIR_TESTS)]),
+        limits=Limits(),
+        dtype=np.dtype([("model", model.dtype), ("pair_tests", PAIR_TESTS), ("plausibility", PLAUSIBILITY)]),
     )

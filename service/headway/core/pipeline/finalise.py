@@ -10,6 +10,7 @@ from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, step_pair_tes
 from headway.core.pipeline.classify import Classified, classify, store
 from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.tables import RoundParams, Tables
+from headway.core.plausibility.checks import combine
 from headway.core.tracking.pairing import find_leaders
 from headway.core.tracking.tracks import extend_path_history
 from headway.core.types.batch import F64, I64
@@ -36,13 +37,13 @@ def finalise(
     tables: Tables,
     ingested: Ingested,
     declared_rows: I64,
-    verdicts: Records,
     now_us: int,
     params: RoundParams,
     out_outcomes: NDArray[np.uint8],
 ) -> Finalised:
-    """Update all tables with the `verdicts` (n,) of the motion model, and write the outcomes of the readings (B,)."""
-    rows = ingested.rows
+    """Update all tables with the verdicts (n,) of checks and model, and write the outcomes of the readings (B,)."""
+    rows, verdicts = ingested.rows, ingested.verdicts
+    combine(tables.plausibility, rows, params.limits, verdicts)
     location_valid = store(tables, ingested, verdicts)
     extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"])
     leader_changes = find_leaders(

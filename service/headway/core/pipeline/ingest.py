@@ -8,11 +8,12 @@ from numpy.typing import NDArray
 
 from headway.core.events.evidence import store_readings
 from headway.core.pipeline.build_readings import build_readings
-from headway.core.pipeline.tables import Tables
+from headway.core.pipeline.tables import RoundParams, Tables
+from headway.core.plausibility.checks import check_readings
 from headway.core.tracking.tracks import advance
 from headway.core.types.batch import I64, Columns
 from headway.core.types.outcome import Outcome
-from headway.core.types.records import Records
+from headway.core.types.records import VERDICT, Records
 
 
 class Ingested(NamedTuple):
@@ -24,6 +25,8 @@ class Ingested(NamedTuple):
     leaders: I64
     """Row of each one's leader, NO_LEADER for none."""
     readings: Records
+    verdicts: Records
+    """Written by the plausibility checks so far; the motion model writes the rest."""
     last_received_us: I64
     """Receive time of the vehicle's previous message; 0: none."""
     step_us: I64
@@ -42,7 +45,7 @@ def ingest(
     all_rows: I64,
     declared_rows: I64,
     round_places: I64,
-    max_gap_s: float,
+    params: RoundParams,
     out_outcomes: NDArray[np.uint8],
 ) -> Ingested:
     """Add the records of distinct vehicles to their tracks, and build a reading for each accepted record.
@@ -54,7 +57,7 @@ def ingest(
     last_received_us, step_us = np.empty(rows.size, np.int64), np.empty(rows.size, np.int64)
     for i in range(rows.size):
         last_received_us[i], step_us[i] = tracks[rows[i]].received_us, -tracks[rows[i]].t_us
-    advanced = advance(tracks, rows, batch, round_places, max_gap_s)
+    advanced = advance(tracks, rows, batch, round_places, params.max_gap_s)
     places, n = np.empty(rows.size, np.int64), 0
     for i in range(rows.size):
         place = round_places[i]
@@ -70,4 +73,7 @@ def ingest(
     places, rows = places[:n], rows[:n]
     readings, leaders = build_readings(tables, batch, rows, places, declared_rows)
     store_readings(tables.evidence, tables.bank, rows, readings, leaders)
-    return Ingested(places, rows, leaders, readings, last_received_us[:n], step_us[:n], advanced.sequence_gap.sum())
+    verdicts = np.zeros(n, VERDICT)
+    check_readings(tables.plausibility, rows, readings, params.limits, verdicts)
+    sequence_gaps = advanced.sequence_gap.sum()
+    return Ingested(places, rows, leaders, readings, verdicts, last_received_us[:n], step_us[:n], sequence_gaps)

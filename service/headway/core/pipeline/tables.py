@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from headway.core.consistency.pair_tests import PairTestParams
 from headway.core.events.evidence import EvidenceRings
+from headway.core.plausibility.limits import Limits
 from headway.core.tracking.spatial_index import Grid
 from headway.core.types.batch import F64
 from headway.core.types.records import Records
@@ -22,6 +23,7 @@ class Tables(NamedTuple):
     bank_bytes: NDArray[np.uint8]
     """(C, bytes) a view of the bank: clearing a row of bytes is faster than clearing a record."""
     pair_tests: Records
+    plausibility: Records
     newest_verdicts: Records
     verdict_t_s: F64
     """Event time of the newest verdict, s."""
@@ -40,3 +42,4 @@ class RoundParams(NamedTuple):
     silence_timeout_s: float
     warming_readings: int
     pair_tests: PairTestParams
+    limits: Limits

@@ -8,13 +8,12 @@ from headway.core.pipeline.classify import FILTER_EVENT, PAIR_EVENT, REAPPEARED
 from headway.core.pipeline.finalise import Finalised, finalise
 from headway.core.pipeline.ingest import Ingested, ingest
 from headway.core.pipeline.ordering import reject_by_age, rounds
-from headway.core.runtime import rows as banks
 from headway.core.runtime.bound_kernel import bind_signature
 from headway.core.site.state import SiteState
 from headway.core.types.batch import I64, Batch, Columns, columns
 from headway.core.types.identifiers import id_column
 from headway.core.types.outcome import Outcome
-from headway.core.types.records import Kind, Records
+from headway.core.types.records import Kind
 from headway.core.types.step_result import RecordVerdicts, StepTally
 
 _SCORED = np.uint8(Outcome.SCORED)
@@ -72,10 +71,9 @@ class RoundProcessor:
     ) -> None:
         """Process the records at `places` of the batch, which are of distinct vehicles."""
         tables, params, model = self._site.tables, self._site.params, self._site.model
-        ingested = self._ingest(tables, batch, all_rows, declared_rows, places, params.max_gap_s, outcomes)
-        verdicts = banks.verdicts(ingested.rows.size)
-        self._step_batch(self._filters, ingested.rows, ingested.readings, model.params, verdicts)
-        finalised = self._finalise(tables, ingested, declared_rows, verdicts, now_us, params, outcomes)
+        ingested = self._ingest(tables, batch, all_rows, declared_rows, places, params, outcomes)
+        self._step_batch(self._filters, ingested.rows, ingested.readings, model.params, ingested.verdicts)
+        finalised = self._finalise(tables, ingested, declared_rows, now_us, params, outcomes)
         tally.sequence_gaps += ingested.sequence_gaps
         tally.leader_changes += finalised.leader_changes
         tally.nis.append(finalised.nis)
@@ -83,12 +81,13 @@ class RoundProcessor:
         tally.repairs += finalised.classified.repairs
         tally.restarts += finalised.classified.restarts
         if finalised.classified.all_marks:
-            self._update_events(batch, ingested, verdicts, finalised, tally)
+            self._update_events(batch, ingested, finalised, tally)
         if tally.records is not None:
-            self._write_records(ingested, verdicts, finalised, tally.records)
+            self._write_records(ingested, finalised, tally.records)
 
-    def _write_records(self, ingested: Ingested, verdicts: Records, finalised: Finalised, out: RecordVerdicts) -> None:
+    def _write_records(self, ingested: Ingested, finalised: Finalised, out: RecordVerdicts) -> None:
         """Write what was found of each record."""
+        verdicts = ingested.verdicts
         pair, ids = finalised.pair_verdicts, self._site.vehicles.id_of
         by_pair = (pair["kind"] != Kind.NONE) & (pair["follower_log_odds"] >= 0.0) & ~verdicts["anomalous"]
         if by_pair.any():
@@ -98,11 +97,10 @@ class RoundProcessor:
         leader_ids = [ids[row] if row >= 0 else None for row in ingested.leaders.tolist()]
         out.leader_ids[ingested.places] = id_column(leader_ids)
 
-    def _update_events(
-        self, batch: Columns, ingested: Ingested, verdicts: Records, finalised: Finalised, tally: StepTally
-    ) -> None:
+    def _update_events(self, batch: Columns, ingested: Ingested, finalised: Finalised, tally: StepTally) -> None:
         """Update each log with the readings marked for it."""
-        rows, leaders, marks = ingested.rows, ingested.leaders, finalised.classified.marks
+        rows, leaders, verdicts = ingested.rows, ingested.leaders, ingested.verdicts
+        marks = finalised.classified.marks
         t_us, received_us = batch.t_us[ingested.places], batch.received_us[ingested.places]
         at = np.flatnonzero(marks & FILTER_EVENT)
         if at.size:

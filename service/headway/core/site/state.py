@@ -41,6 +41,7 @@ class SiteState:
             bank=bank,
             bank_bytes=bank.view(np.uint8).reshape(capacity, -1),
             pair_tests=bank["pair_tests"],
+            plausibility=bank["plausibility"],
             newest_verdicts=banks.verdicts(capacity),
             verdict_t_s=np.zeros(capacity),
             evidence=self.evidence.rings,
@@ -55,6 +56,7 @@ class SiteState:
             silence_timeout_s=config.silence_timeout_s,
             warming_readings=config.warming_readings,
             pair_tests=detectors.pair_test_params,
+            limits=detectors.limits,
         )
 
     def rows(self, stride: int = 1, phase: int = 0) -> I64:

@@ -56,6 +56,8 @@ _BREAK_M = 50.0
 _ACCEPTED = int(Outcome.SCORED)
 _DUPLICATE = int(Outcome.DUPLICATE)
 _OUT_OF_ORDER = int(Outcome.OUT_OF_ORDER)
+_CONTRADICTION = int(Outcome.CONTRADICTION)
+_SAME_M, _SAME_MPS = 0.5, 0.5  # copies of one message differ by the rounding of gateways
 
 TRACK = np.dtype(
     [
@@ -68,6 +70,9 @@ TRACK = np.dtype(
         ("interval_s", "f8"),  # the sender's mean interval
         ("lat_deg", "f8"),
         ("lon_deg", "f8"),
+        ("step_east_m", "f8"),  # displacement between the last two readings
+        ("step_north_m", "f8"),
+        ("contradictions", "i8"),  # messages of the newest reading's time with another content
         ("x_m", "f8"),
         ("v_mps", "f8"),
         ("heading_east", "f8"),  # unit vector; (0, 0): unknown
@@ -109,7 +114,7 @@ class Advance(NamedTuple):
     """What `advance` did with each of n records."""
 
     outcome: NDArray[np.uint8]
-    """DUPLICATE, OUT_OF_ORDER, or SCORED for a record that the row has taken."""
+    """DUPLICATE, CONTRADICTION, OUT_OF_ORDER, or SCORED for a record that the row has taken."""
     sequence_gap: I64
     """Messages lost before this one, by `msg_cnt`."""
     initialised: NDArray[np.bool_]
@@ -120,16 +125,20 @@ class Advance(NamedTuple):
 def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: float) -> Advance:
     """Take one record into each of the distinct `rows` (n,); `places` (n,) are the records' places in the batch.
 
-    A record with the id, `msg_cnt` and event time of the newest one is a duplicate. Any other record that is not newer
-    is out of order. Both leave the row unchanged. Latitude, longitude and speed must be finite; heading, accuracy and
-    length may be NaN.
+    A record with the event time of the newest one and another position or speed is a contradiction, and is counted. One
+    with the same event time and `msg_cnt` is a duplicate. Any other that is not newer is out of order. All three leave
+    the row as it is. Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
     """
     done = Advance(np.empty(rows.size, np.uint8), np.zeros(rows.size, np.int64), np.zeros(rows.size, np.bool_))
     for i in range(rows.size):
         track, k = tracks[rows[i]], places[i]
         if batch.t_us[k] <= track.t_us:
-            same = batch.t_us[k] == track.t_us and batch.msg_cnt[k] == track.msg_cnt
-            done.outcome[i] = _DUPLICATE if same else _OUT_OF_ORDER
+            done.outcome[i] = _OUT_OF_ORDER
+            if batch.t_us[k] == track.t_us and _contradicts(track, batch, k):
+                done.outcome[i] = _CONTRADICTION
+                track.contradictions += 1
+            elif batch.t_us[k] == track.t_us and batch.msg_cnt[k] == track.msg_cnt:
+                done.outcome[i] = _DUPLICATE
             continue
         done.outcome[i] = _ACCEPTED
         step_s = 1e-6 * (batch.t_us[k] - track.t_us)
@@ -139,6 +148,9 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
         else:
             done.sequence_gap[i] = _sequence_gap(track, batch.msg_cnt[k], step_s, max_gap_s)
             track.step_s = step_s
+            track.step_east_m, track.step_north_m = displacement_m(
+                track.lat_deg, track.lon_deg, batch.lat_deg[k], batch.lon_deg[k]
+            )
         track.t_us = batch.t_us[k]
         track.received_us = batch.received_us[k]
         track.msg_cnt = batch.msg_cnt[k]
@@ -205,13 +217,20 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
         track.interval_s = _FIRST_INTERVAL_S
     track.generation += 1
     track.count = 0
-    track.step_s = 0.0
+    track.step_s = track.step_east_m = track.step_north_m = 0.0
     track.heading_east = track.heading_north = 0.0
     track.heading_known = False
     track.base_lat_deg, track.base_lon_deg = lat_deg, lon_deg
     track.base_x_m = track.base_east_m = track.base_north_m = 0.0
     track.base_heading_east = track.base_heading_north = 0.0
     track.crumb_count = 0
+
+
+@njit(cache=True, error_model="numpy")
+def _contradicts(track: Any, batch: Columns, k: int) -> bool:
+    """Whether record `k`, of the newest reading's time, is more than a copy of it."""
+    east_m, north_m = displacement_m(track.lat_deg, track.lon_deg, batch.lat_deg[k], batch.lon_deg[k])
+    return bool(math.hypot(east_m, north_m) > _SAME_M or abs(batch.speed_mps[k] - track.v_mps) > _SAME_MPS)
 
 
 @njit(cache=True, error_model="numpy")

@@ -34,6 +34,7 @@ class Outcome(IntEnum):
     DUPLICATE = 32
     OUT_OF_ORDER = 33
     TABLE_FULL = 34
+    CONTRADICTION = 35
 
     # By the loop, under overload.
     SHED = 40

@@ -3,7 +3,7 @@
 Both are numpy records: a column has a name in Python and in the compiled kernels alike.
 """
 
-from enum import IntEnum, unique
+from enum import IntEnum, IntFlag, unique
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,11 @@ READING = np.dtype(
         ("leader_length_m", "f8"),
         ("range_m", "f8"),  # declared by the follower's forward sensor; NaN: none
         ("range_rate_mps", "f8"),
+        ("east_m", "f8"),  # displacement since the vehicle's last message
+        ("north_m", "f8"),
+        ("heading_deg", "f8"),  # as declared; NaN: not available
+        ("accuracy_m", "f8"),  # as declared, 1 sigma; NaN: never
+        ("contradictions", "f8"),  # messages of the same id and time with another content, since the last one
     ],
     align=True,
 )
@@ -39,6 +44,8 @@ VERDICT = np.dtype(
         ("v_mps", "f8"),
         ("x_std_m", "f8"),
         ("v_std_mps", "f8"),
+        ("observed", "i8"),  # Observation flags of the plausibility checks; written before the filter's step
+        ("implausible", "i8"),  # Sensor that they concern
         ("sensor", "i8"),  # Sensor
         ("kind", "i8"),  # Kind, once anomalous
         ("confidence", "f8"),  # of the kind, 0..1
@@ -61,6 +68,7 @@ class Sensor(IntEnum):
     SPEED = 2
     BOTH = 3
     LINK = 4
+    HEADING = 8
 
     @property
     def label(self) -> str:
@@ -80,8 +88,31 @@ class Kind(IntEnum):
     MISS = 5
     RESPONSE = 6  # does not respond to the leader as its driver does
     RANGE = 7  # contradicts the forward sensor of the follower
+    UNKNOWN = 8  # too early to say
 
     @property
     def label(self) -> str:
         """The name on the wire."""
         return self.name.lower()
+
+
+@unique
+class Observation(IntFlag):
+    """What a plausibility check observes: each is one bit, and has its names in standards in the reference."""
+
+    POSITION_CHANGE = 1 << 0
+    POSITION_FROZEN = 1 << 1
+    POSITION_SPEED = 1 << 2
+    SPEED_VALUE = 1 << 3
+    SPEED_CHANGE = 1 << 4
+    SPEED_FROZEN = 1 << 5
+    ACCELERATION = 1 << 6
+    HEADING = 1 << 7
+    INTERVAL = 1 << 8
+    IDENTITY = 1 << 9
+    CONTRADICTION = 1 << 10
+
+    @property
+    def label(self) -> str:
+        """The word on the wire."""
+        return str(self.name).lower()

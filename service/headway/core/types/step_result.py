@@ -57,6 +57,8 @@ class AnomalyEvent:
     """Innovation of location (m) and speed (m/s)."""
     recovered: tuple[float, float, float, float]
     """x_m, v_mps, x_std_m, v_std_mps of the estimate that replaces the reading."""
+    observations: tuple[str, ...] = ()
+    """Physical limits that the vehicle's messages break now: labels of `Observation`."""
     evidence: Evidence | None
     """None for a miss, which has no reading."""
 

@@ -8,7 +8,7 @@ const TRACE_MOST = 90;
 const TREND_MOST = 120;
 const COPIES_MOST = 30;
 
-export const KINDS = ["short", "noise", "bias", "drift", "miss", "response", "range"];
+export const KINDS = ["short", "noise", "bias", "drift", "miss", "response", "range", "unknown"];
 export const SENSORS = { location: "location", speed: "speed", both: "location and speed", link: "link" };
 export const STANDINGS = ["normal", "warming", "anomalous", "silent"];
 

@@ -18,6 +18,7 @@ DETAILS: Final = {
     Outcome.TOO_OLD: "event time further behind the receipt than max_age_s",
     Outcome.FROM_THE_FUTURE: "event time further ahead of the receipt than max_ahead_s",
     Outcome.DUPLICATE: "a message of this sender with this count and time was here before",
+    Outcome.CONTRADICTION: "a message of this sender with this time and another content was here before",
     Outcome.OUT_OF_ORDER: "the message is not newer than the newest of this sender, and no copy of it",
     Outcome.TABLE_FULL: "as many vehicles are known as vehicle_capacity allows",
 }

@@ -40,7 +40,7 @@ class Kernel:
         return self.row["mode_probability"]
 
     def step(self, h, z, unexplained=1.0):
-        update(self.row, h, np.asarray(z), R, Q, WALK, unexplained, P, self.found)
+        update(self.row, h, np.asarray(z), R, Q, WALK, unexplained, 0, P, self.found)
 
 
 def gaussians(kernel):
@@ -153,7 +153,7 @@ def test_a_drift_that_went_unnoticed_is_recognised_as_it_ends(seed: int) -> None
     initialise_modes(row, *z[0], R, P)
     suspected = []
     for k in range(1, len(t_s)):
-        update(row, 0.1, z[k], R, 0.03, 0.001, 1.0, P, found)
+        update(row, 0.1, z[k], R, 0.03, 0.001, 1.0, 0, P, found)
         suspected.append(sensor_fault_probability(row["mode_probability"])[1])
         if k == 40:
             assert found["ended_probability"].argmax() == DRIFT_V

@@ -57,6 +57,7 @@ from headway.core.estimation.kinematics import (
     update_scalar,
 )
 from headway.core.statistics.innovation import nis_2d
+from headway.core.types.records import Sensor
 
 HEALTHY, BIAS, DRIFT, NOISE = 0, 1, 2, 3
 OTHER_SENSOR = 3
@@ -67,7 +68,8 @@ SINGLE_FAULT_MODES, MODE_COUNT = 7, 10
 """Hypotheses below SINGLE are those of at most one lie."""
 MODE_PROBABILITY_FLOOR = 1e-10
 """No hypothesis ever dies, and the log odds stay within +-23."""
-NEGATIVE_SPEED_LIKELIHOOD = 1e-8
+IMPLAUSIBLE_LIKELIHOOD = 1e-8
+_POSITION_FAULT, _SPEED_FAULT = int(Sensor.LOCATION) | int(Sensor.HEADING), int(Sensor.SPEED)
 PRUNE_DOUBLES_ABOVE = 0.9997
 """Probability of HEALTHY beyond which nobody thinks of two lies at once,"""
 PRUNE_RECOVERY_BELOW_NIS = 9.0
@@ -377,6 +379,7 @@ def update(
     q: float,
     random_walk_density: float,
     unexplained: float,
+    implausible: int,
     p: ModeParams,
     found: Any,
 ) -> bool:
@@ -392,6 +395,8 @@ def update(
         Density of the calm jerk, m^2/s^5, and of what location and speed differ by, m^2/s.
     unforeseen
         Share of the driver's manoeuvres that the car ahead does not announce.
+    implausible
+        `Sensor` whose reading breaks a physical limit: it is at fault whatever the motion says.
     """
     m, mode_probability, predicted_probability, nu, cov = (
         found.single.m,
@@ -441,9 +446,16 @@ def update(
         branch_to_healthy(row, over, SINGLE_FAULT_MODES if doubles_pruned else MODE_COUNT, z, r, found)
     if not doubles_pruned:
         update_double_faults(found, z, r, p)
-    if z[Z_SPEED] < -5.0 * r[Z_SPEED] ** 0.5:
+    if implausible & _POSITION_FAULT:
+        predicted_probability[HEALTHY] *= IMPLAUSIBLE_LIKELIHOOD
+        predicted_probability[BIAS_V:SINGLE_FAULT_MODES] *= IMPLAUSIBLE_LIKELIHOOD
+        found.ended_probability[:] = 0.0
+    if implausible & _SPEED_FAULT:
+        predicted_probability[: NOISE + 1] *= IMPLAUSIBLE_LIKELIHOOD
+        found.ended_probability[:] = 0.0
+    elif z[Z_SPEED] < -5.0 * r[Z_SPEED] ** 0.5:
         # A speed is a magnitude: below zero beyond all noise, its sensor lies whatever the motion says.
-        predicted_probability[: NOISE + 1] *= NEGATIVE_SPEED_LIKELIHOOD
+        predicted_probability[: NOISE + 1] *= IMPLAUSIBLE_LIKELIHOOD
     total = predicted_probability.sum()
     for j in range(MODE_COUNT):
         mode_probability[j] = max(predicted_probability[j] / total, MODE_PROBABILITY_FLOOR)

@@ -225,7 +225,16 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m - row.accumulated_bias_m, z.v_mps
         unexplained = unexplained_share(driver, noise.jerk_density)
         verdict.repaired = update(
-            row, dt_s, reading, noise.r, noise.jerk_density, noise.random_walk_density, unexplained, p.modes, found
+            row,
+            dt_s,
+            reading,
+            noise.r,
+            noise.jerk_density,
+            noise.random_walk_density,
+            unexplained,
+            verdict.implausible,
+            p.modes,
+            found,
         )
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
@@ -273,7 +282,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
     else:
         reset_previous_innovation(noise)
         reset_sensitivity(driver)
-    if fault_timeout(row, mean, reading, dt_s, p):
+    if verdict.implausible == 0 and fault_timeout(row, mean, reading, dt_s, p):
         verdict.restarted = True
     change_mps2 = predict_acceleration(driver, z, dt_s, verdict.x_m, verdict.v_mps, p.driver)
     add_acceleration_change(row, change_mps2)
