@@ -1,4 +1,4 @@
-"""Cost of a whole turn of the loop, from bytes to what is told, and of a look for the leader."""
+"""Cost of a whole turn of the loop, from bytes to what is published, and of a search for the leader."""
 
 from collections.abc import Iterator
 from itertools import islice
@@ -57,12 +57,12 @@ def test_a_turn(benchmark: BenchmarkFixture, records: int, bundle: int) -> None:
     assert rig.ledger.records == rig.ledger.scored + rig.ledger.warming
 
 
-def test_a_look_for_the_leader(benchmark: BenchmarkFixture) -> None:
+def test_a_search_for_the_leader(benchmark: BenchmarkFixture) -> None:
     stream = received_messages(1)
     engine = rig_after(stream, WARM_S * 10 * VEHICLES).engine
     tables = engine._site.tables
     rows = np.arange(VEHICLES)
-    nobody, changed = np.full(VEHICLES, pairing.NO_LEADER), np.empty(VEHICLES, np.bool_)
+    none, changed = np.full(VEHICLES, pairing.NO_LEADER), np.empty(VEHICLES, np.bool_)
     now_us = int(tables.tracks["received_us"].max())
 
     def prepare() -> None:
@@ -71,7 +71,7 @@ def test_a_look_for_the_leader(benchmark: BenchmarkFixture) -> None:
     benchmark.extra_info["readings"] = VEHICLES
     benchmark.pedantic(
         pairing.find_leaders,
-        (tables.tracks, tables.pairing, tables.grid, rows, nobody, now_us, 200.0, 3.5, changed),
+        (tables.tracks, tables.pairing, tables.grid, rows, none, now_us, 200.0, 3.5, changed),
         setup=prepare,
         rounds=100,
         warmup_rounds=2,

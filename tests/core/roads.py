@@ -131,9 +131,9 @@ class World:
         x_m = np.where(done.outcome == Outcome.SCORED, self.tracks["x_m"][rows], np.nan)
         return done.outcome, x_m, done.sequence_gap, done.initialised
 
-    def extend_path_history(self, rows: I64, trusted: NDArray[np.bool_], v_mps: F64) -> None:
-        """Pass the judgement on."""
-        extend_path_history(self.tracks, rows, trusted, v_mps)
+    def extend_path_history(self, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64) -> None:
+        """Pass the verdicts on."""
+        extend_path_history(self.tracks, rows, location_valid, v_mps)
 
     def find_leaders(self, rows: I64, t_us: int, declared: dict[int, int] | None = None) -> NDArray[np.bool_]:
         """Return which rows have another leader than before."""
@@ -203,12 +203,12 @@ def drive(
     *,
     start_s: float = 0.0,
     noise: Spoil | None = None,
-    trusted: Callable[[int, float], bool] = lambda _row, _t: True,
+    location_valid: Callable[[int, float], bool] = lambda _row, _t: True,
     declared: dict[int, int] | None = None,
     shuffle_seed: int | None = None,
     silent: Callable[[int, float], bool] = lambda _row, _t: False,
 ) -> Record:
-    """Drive car i as row i; `noise(row, t_s, reading)` spoils readings and `trusted(row, t_s)` is the judgement."""
+    """Drive car i as row i; `noise(row, t_s, reading)` spoils readings; `location_valid(row, t_s)` is the verdict."""
     steps = round(seconds / STEP_S)
     n = len(cars)
     record = Record(
@@ -233,7 +233,7 @@ def drive(
         t_us = START_US + round(t_s * 1e6)
         _, x_m, _, _ = world.advance(rows, t_us, lat, lon, speed, heading, msg_cnt=k)
         true_v = np.array([cars[row].reading(t_s)[2] for row in rows])
-        world.extend_path_history(rows, np.array([trusted(int(row), t_s) for row in rows]), true_v)
+        world.extend_path_history(rows, np.array([location_valid(int(row), t_s) for row in rows]), true_v)
         record.changed[k, rows] = world.find_leaders(rows, t_us, declared)
         record.x_m[k, rows] = x_m
         record.v_mps[k, rows] = speed

@@ -21,8 +21,8 @@ def step(engine: Engine, records: Batch) -> StepResult:
     return engine.step(records, int(records.received_us.max()))
 
 
-def labels(turn: StepResult) -> list[str]:
-    return [Outcome(code).label for code in turn.outcomes]
+def labels(result: StepResult) -> list[str]:
+    return [Outcome(code).label for code in result.outcomes]
 
 
 def drive(engine: Engine, platoon: Platoon, steps: int) -> list[AnomalyEvent]:
@@ -39,7 +39,7 @@ def test_a_vehicle_warms_up_and_is_then_scored() -> None:
     assert outcomes == ["warming"] * CONFIG.warming_readings + ["scored"] * 6
 
 
-def test_a_platoon_is_paired_from_positions_and_its_clean_readings_say_nothing() -> None:
+def test_a_platoon_is_paired_from_positions_and_its_clean_readings_cause_no_event() -> None:
     engine, platoon = Engine(CONFIG), Platoon(4)
     assert drive(engine, platoon, 50) == []
     states = engine.states()
@@ -79,10 +79,10 @@ def test_a_rejected_reading_is_not_passed_on_to_the_follower() -> None:
 def test_too_old_and_from_the_future_are_refused_and_leave_no_trace() -> None:
     engine = Engine(CONFIG)
     now = START_US
-    turn = engine.step(
+    result = engine.step(
         batch(["a", "b"], [0, 0], [1, 1], [now - 6_000_000, now + 2_000_000], received_us=[now, now]), now
     )
-    assert labels(turn) == ["too_old", "from_the_future"]
+    assert labels(result) == ["too_old", "from_the_future"]
     assert engine.vehicles == 0
 
 
@@ -106,14 +106,14 @@ def test_duplicate_and_out_of_order_have_names() -> None:
 def test_records_of_one_vehicle_in_one_batch_are_taken_by_event_time() -> None:
     engine = Engine(CONFIG)
     times = [START_US + 2 * STEP_US, START_US, START_US + STEP_US, START_US]
-    turn = engine.step(batch(["a"] * 4, [4, 0, 2, 0], [20] * 4, times), START_US + 3 * STEP_US)
-    assert labels(turn) == ["warming", "warming", "warming", "duplicate"]
+    result = engine.step(batch(["a"] * 4, [4, 0, 2, 0], [20] * 4, times), START_US + 3 * STEP_US)
+    assert labels(result) == ["warming", "warming", "warming", "duplicate"]
 
 
 def test_a_full_table_refuses_the_next_and_takes_it_when_others_are_forgotten() -> None:
     engine = Engine(replace(CONFIG, vehicle_capacity=2, vehicle_ttl_s=5.0))
-    turn = engine.step(batch(["a", "b", "c"], [0, 50, 90], [9] * 3, [START_US] * 3), START_US)
-    assert sorted(labels(turn)) == ["table_full", "warming", "warming"]
+    result = engine.step(batch(["a", "b", "c"], [0, 50, 90], [9] * 3, [START_US] * 3), START_US)
+    assert sorted(labels(result)) == ["table_full", "warming", "warming"]
     later = START_US + 6_000_000
     assert engine.step(batch([], [], [], []), later).evicted == 2
     assert labels(engine.step(one("c", later), later)) == ["warming"]
@@ -127,7 +127,7 @@ def test_the_senders_counter_tells_of_missed_messages() -> None:
     assert step(engine, platoon.next()).sequence_gaps == 2
 
 
-def test_the_order_within_a_batch_is_of_no_account() -> None:
+def test_the_order_within_a_batch_has_no_effect() -> None:
     rng = np.random.default_rng(5)
     straight, shuffled = Engine(CONFIG), Engine(CONFIG)
     one_platoon, other_platoon = Platoon(6), Platoon(6)
@@ -142,7 +142,7 @@ def test_the_order_within_a_batch_is_of_no_account() -> None:
         assert {(e.event_id, e.phase, e.nis) for e in a.events} == {(e.event_id, e.phase, e.nis) for e in b.events}
 
 
-def test_silence_among_speaking_neighbours_is_a_miss_after_600_ms_and_ends_when_heard() -> None:
+def test_silence_among_sending_neighbours_is_a_miss_after_600_ms_until_the_next_message() -> None:
     engine, platoon = Engine(CONFIG), Platoon(3)
     drive(engine, platoon, 50)
     events = []
@@ -171,7 +171,7 @@ def test_when_all_are_silent_it_is_our_own_ear() -> None:
     assert drive(engine, platoon, 5) == []
 
 
-def test_a_lone_vehicle_that_comes_back_was_missed_if_others_were_heard() -> None:
+def test_a_lone_vehicle_that_reappears_was_missed_if_others_were_received() -> None:
     engine, platoon, far = Engine(CONFIG), Platoon(1), Platoon(1, seed=2)
     far.ids = ["far"]
     for _ in range(40):
@@ -207,7 +207,7 @@ def test_the_forgotten_leave_nothing_behind() -> None:
     assert engine.states().followers == []
 
 
-def test_a_declared_leader_is_believed() -> None:
+def test_a_declared_leader_is_accepted() -> None:
     engine = Engine(CONFIG)
     for k in range(30):
         t = START_US + k * STEP_US
@@ -217,6 +217,6 @@ def test_a_declared_leader_is_believed() -> None:
 
 
 def test_an_empty_batch_lets_time_pass() -> None:
-    turn = Engine(CONFIG).step(batch([], [], [], []), START_US)
-    assert turn.outcomes.size == 0
-    assert turn.events == []
+    result = Engine(CONFIG).step(batch([], [], [], []), START_US)
+    assert result.outcomes.size == 0
+    assert result.events == []

@@ -1,11 +1,11 @@
-"""Every statement of the engine, computed again from the evidence it carries, bit for bit."""
+"""Each event update of the engine, computed again from its evidence, bit for bit."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from core.traffic import batch
-from sim.lying import NAMES, drive
+from sim.faulty_platoon import NAMES, drive
 
 from headway.core.engine import Engine
 from headway.core.pipeline.detectors import build_detectors
@@ -26,7 +26,7 @@ def events_of_a_drive(config: DetectorConfig, seed: int) -> list[AnomalyEvent]:
     return events
 
 
-def numbers_said(event: AnomalyEvent) -> tuple[float, ...]:
+def numbers_published(event: AnomalyEvent) -> tuple[float, ...]:
     return (event.nis, event.statistic, event.gate, event.p_value, *event.nu, *event.recovered)
 
 
@@ -38,7 +38,7 @@ def numbers_of(verdict: Records) -> tuple[float, ...]:
 
 
 @pytest.mark.parametrize(("model", "seed"), [("aekf", 1), ("aekf", 2), ("headway", 3)])
-def test_every_statement_is_replayed_bit_for_bit(model: str, seed: int) -> None:
+def test_each_event_update_is_replayed_bit_for_bit(model: str, seed: int) -> None:
     config = replace(CONFIG, model=model)
     events = [event for event in events_of_a_drive(config, seed) if event.evidence is not None]
     assert {event.sensor is Sensor.LINK for event in events} == {True, False}
@@ -47,7 +47,7 @@ def test_every_statement_is_replayed_bit_for_bit(model: str, seed: int) -> None:
         assert event.evidence is not None
         again = replay(event.evidence, config)
         verdict = (again.by_pair_tests if event.sensor is Sensor.LINK else again.by_filter)[-1]
-        assert np.array(numbers_of(verdict)).tobytes() == np.array(numbers_said(event)).tobytes()
+        assert np.array(numbers_of(verdict)).tobytes() == np.array(numbers_published(event)).tobytes()
         assert bool(verdict["anomalous"]) == (event.phase is not Phase.CLEARED)
         if event.phase is not Phase.CLEARED:
             assert (Kind(int(verdict["kind"])), Sensor(int(verdict["sensor"]))) == (event.kind, event.sensor)
@@ -61,7 +61,7 @@ def test_evidence_that_was_tampered_with_gives_another_verdict() -> None:
     readings = event.evidence.readings.copy()
     readings["x_m"][-1] = np.nextafter(readings["x_m"][-1], np.inf)
     again = replay(replace(event.evidence, readings=readings), CONFIG)
-    assert numbers_of(again.by_filter[-1]) != numbers_said(event)
+    assert numbers_of(again.by_filter[-1]) != numbers_published(event)
 
 
 def test_a_checkpoint_comes_back_from_its_bytes() -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 import polars as pl
 import pytest
 from edge.codec.messages import received, record
-from sim.lying import LENGTH_M, NAMES, drive
+from sim.faulty_platoon import LENGTH_M, NAMES, drive
 from sim.memory_bus import MemoryQuery
 from sim.rig import KEYS, Rig
 from typer.testing import CliRunner

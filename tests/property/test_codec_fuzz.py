@@ -176,7 +176,7 @@ def test_every_form_of_a_message_decodes_to_the_same_numbers(messages: list[Bsm]
 
 
 @given(st.lists(doubtful_record(), min_size=1, max_size=8))
-def test_a_record_is_judged_the_same_alone_and_among_others(records: list[list[Any]]) -> None:
+def test_a_record_has_the_same_outcome_alone_and_among_others(records: list[list[Any]]) -> None:
     payloads = [received(msgpack.packb([record]), BSM_MSGPACK, KEYS.bsm("a")) for record in records]
     together = Codec(KEYS).decode(payloads)
     alone = [Codec(KEYS).decode([payload]) for payload in payloads]

@@ -76,7 +76,7 @@ def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
 
 @settings(max_examples=150, deadline=None)
 @given(sent=garbage, seed=st.integers(0, 1000))
-def test_after_any_garbage_honest_readings_bring_it_back(sent, seed: int) -> None:
+def test_after_any_garbage_clean_readings_recover_the_filter(sent, seed: int) -> None:
     rng = np.random.default_rng(seed)
     bank = np.zeros(1, ROW)
     read = batch(sent)

@@ -1,4 +1,4 @@
-"""Whatever senders say, tracks and pairing stay finite, bounded and independent of the order within a wave."""
+"""Whatever is sent, tracks and pairing stay finite, bounded and independent of the order within a round."""
 
 import math
 
@@ -34,19 +34,19 @@ rounds = st.lists(
 
 
 def run(drive: list, order: NDArray[np.int64]) -> tuple[Records, Records]:
-    """Take the waves through both passes and a look, the rows of each wave in this order."""
+    """Process the rounds, with the rows of each round in this order."""
     tracks, pairing, grid = new_tracks(ROWS), new_pairing(ROWS), new_grid(ROWS)
     t_us = START_US
     for step_us, columns in drive:
         t_us += step_us
-        lat, lon, speed, heading, trusted = (np.array(column)[order] for column in zip(*columns, strict=True))
+        lat, lon, speed, heading, location_valid = (np.array(column)[order] for column in zip(*columns, strict=True))
         times = np.full(ROWS, t_us)
         unknown, changed = np.full(ROWS, np.nan), np.empty(ROWS, np.bool_)
         numbers = columns_of(times, times // 100_000 % 128, lat, lon, speed, heading, unknown)
         done = advance(tracks, order, numbers, np.arange(ROWS), MAX_GAP_S)
         ok = done.outcome == Outcome.SCORED
         assert ((done.sequence_gap >= 0) & (done.sequence_gap < 128)).all()
-        extend_path_history(tracks, order[ok], trusted[ok], speed[ok])
+        extend_path_history(tracks, order[ok], location_valid[ok], speed[ok])
         find_leaders(tracks, pairing, grid, order[ok], (order[ok] + 1) % ROWS, t_us, 150.0, 3.6, changed)
     return tracks, pairing
 
@@ -75,7 +75,7 @@ def test_any_readings_leave_finite_bounded_tracks(drive: list) -> None:
 
 @settings(deadline=None, max_examples=50)
 @given(rounds, st.permutations(range(ROWS)))
-def test_the_order_of_rows_within_a_wave_is_of_no_account(drive: list, order: list[int]) -> None:
+def test_the_order_of_rows_within_a_round_has_no_effect(drive: list, order: list[int]) -> None:
     for one, other in zip(run(drive, np.arange(ROWS)), run(drive, np.array(order)), strict=True):
         assert one.tobytes() == other.tobytes()
 
@@ -85,16 +85,16 @@ def test_the_order_of_rows_within_a_wave_is_of_no_account(drive: list, order: li
     st.dictionaries(st.integers(1, 58), st.tuples(st.floats(-500.0, 500.0), st.floats(-500.0, 500.0)), max_size=20),
     st.floats(0.0, 360.0),
 )
-def test_bad_positions_found_out_leave_no_trace(lies: dict[int, tuple[float, float]], heading: float) -> None:
-    """A straight drive at 20 m/s in any direction: its last odometer is its length, whatever was said on the way."""
+def test_rejected_positions_have_no_effect(faults: dict[int, tuple[float, float]], heading: float) -> None:
+    """A straight drive at 20 m/s in any direction: its last odometer is its length, whatever was sent on the way."""
     tracks, row = new_tracks(1), np.array([0])
     direction = math.sin(math.radians(heading)), math.cos(math.radians(heading))
     east_per_degree, north_per_degree = metres_per_degree(48.0)
     for k in range(60):
-        off = lies.get(k, (0.0, 0.0))
+        off = faults.get(k, (0.0, 0.0))
         east, north = (2.0 * k * d + o for d, o in zip(direction, off, strict=True))
         place = 48.0 + north / north_per_degree, 11.0 + east / east_per_degree
         one = (np.array([value]) for value in (*place, 20.0, heading, np.nan))
         advance(tracks, row, columns_of(np.array([START_US + k * 100_000]), np.array([k]), *one), row, MAX_GAP_S)
-        extend_path_history(tracks, row, np.array([k not in lies]), np.array([20.0]))
+        extend_path_history(tracks, row, np.array([k not in faults]), np.array([20.0]))
     assert abs(tracks["x_m"][0] - 118.0) < 0.01

@@ -1,4 +1,4 @@
-"""Time that moves only when told to."""
+"""Time that moves only when a test moves it."""
 
 START_US = 1_700_000_000_000_000
 

@@ -1,4 +1,4 @@
-"""zenoh on loopback: a free address, and sessions that meet nobody else."""
+"""zenoh on loopback: a free address, and sessions that reach no other peer."""
 
 import json
 import socket
@@ -7,7 +7,7 @@ import zenoh
 
 
 def free_endpoint() -> str:
-    """Return an endpoint that nobody listens on."""
+    """Return an endpoint without a listener."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return f"tcp/127.0.0.1:{probe.getsockname()[1]}"

@@ -76,7 +76,7 @@ class Rig:
 
     def _persistence(self, folder: Path) -> Persistence:
         config = PersistenceConfig(folder=folder, journal_days=1.0, journal_mb=100.0, snapshot_interval_s=5.0)
-        publish = lambda told: self.bus.publish(Channel.ALERT, told.key, told.payload)  # noqa: E731
+        publish = lambda update: self.bus.publish(Channel.ALERT, update.key, update.payload)  # noqa: E731
         return Persistence(config, self.identity, self.engine, self.clock, publish)
 
     def iterate(self, seconds: float, step_s: float = 0.001) -> None:

@@ -1,4 +1,4 @@
-"""The operator's alarm budget holds on streamed traffic without a lie in it, from the first seconds of each vehicle."""
+"""The operator's alarm budget holds on streamed traffic without a fault, from the first seconds of each vehicle."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from headway.core.engine import Engine
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
-from headway.core.types.records import Kind as StoredEvent
+from headway.core.types.records import Kind as EventKind
 from headway.core.types.step_result import Phase
 from headway_loadtest.inject.faults import Kind, Spec
 from headway_loadtest.sources import parse_sources
@@ -19,8 +19,8 @@ START_US = 1_700_000_000_000_000
 LATENCY_US = 2_000
 
 
-class Heard:
-    """A service's core at the roadside, and the onsets it told, as (suspect, t_us since the start)."""
+class Roadside:
+    """A service's core at the roadside, and the onsets it published, as (suspect, t_us since the start)."""
 
     def __init__(self) -> None:
         self._engine = Engine(DetectorConfig(vehicle_capacity=1_000))
@@ -55,21 +55,21 @@ class Heard:
             range_m=np.array([record[1] for record in ahead]),
             range_rate_mps=np.array([record[2] for record in ahead]),
         )
-        told = self._engine.step(batch, int(t_us[-1]) + LATENCY_US).events
+        published = self._engine.step(batch, int(t_us[-1]) + LATENCY_US).events
         self.onsets += [
-            (e.suspect, e.t_us - START_US) for e in told if e.phase is Phase.ONSET and e.kind is not StoredEvent.MISS
+            (e.suspect, e.t_us - START_US) for e in published if e.phase is Phase.ONSET and e.kind is not EventKind.MISS
         ]
 
     @property
     def vehicle_hours(self) -> float:
-        """How long all were heard."""
+        """The time over which all vehicles sent."""
         return sum(last - first for first, last in self._since_us.values()) / 3.6e9
 
 
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_fleet_of_strangers_keeps_the_budget(seed: int) -> None:
     """Measured .5 an hour (55 h): 2 expected here, 6 exceeded by chance in 1 run of 200."""
-    heard = Heard()
+    heard = Roadside()
     for frame in FleetFrames(300, 50.0, seed=seed):
         heard.take(frame)
     assert heard.vehicle_hours == pytest.approx(4.2, abs=0.1)
@@ -79,17 +79,17 @@ def test_a_fleet_of_strangers_keeps_the_budget(seed: int) -> None:
 def test_recorded_drives_stay_near_the_budget(tmp_path) -> None:
     """Smoothed locations, leaders seen by radar: measured 1.8 an hour (37 h), 8 exceeded by chance in 1 run of 70."""
     write_sample(tmp_path, pairs=60, seconds=60.0, seed=4)
-    heard = Heard()
+    heard = Roadside()
     for frame in SceneFrames(parse_sources([str(tmp_path)], seconds=60.0, seed=4), concurrent=1_000):
         heard.take(frame)
     assert heard.vehicle_hours == pytest.approx(2.0, abs=0.05)
     assert len(heard.onsets) <= 8
 
 
-def test_caution_does_not_hide_liars_just_heard() -> None:
-    """Lies of some two metres or metres a second, told between the fourth and the tenth second."""
+def test_the_gate_margin_does_not_hide_faults_of_new_vehicles() -> None:
+    """Faults of about two metres or metres a second, between the fourth and the tenth second."""
     frames = FleetFrames(200, 12.0, seed=2, inject=Spec(c=4.0, kinds=(Kind.NOISE, Kind.BIAS), samples=(5, 20)))
-    heard = Heard()
+    heard = Roadside()
     for frame in frames:
         heard.take(frame)
     young = [label for label in frames.labels if 4e6 < label.start_us < 10e6]

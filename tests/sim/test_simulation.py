@@ -31,9 +31,9 @@ def test_every_delivered_record_has_exactly_one_outcome(seed: int) -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_what_cannot_be_read_is_rejected_for_its_reason(seed: int) -> None:
     simulated = world(seed, garbled=0.5)
-    told = {reason: simulated.rig.ledger[reason] for reason in simulated.spoilt}
-    assert told == simulated.spoilt
-    assert len(told) == 11
+    counted = {reason: simulated.rig.ledger[reason] for reason in simulated.spoilt}
+    assert counted == simulated.spoilt
+    assert len(counted) == 11
 
 
 def test_the_same_seed_gives_the_same_run_to_the_last_bit() -> None:
@@ -41,12 +41,12 @@ def test_the_same_seed_gives_the_same_run_to_the_last_bit() -> None:
     assert world(7).digest() != world(8).digest()
 
 
-def test_on_a_perfect_network_every_record_is_judged_and_nobody_is_accused() -> None:
+def test_on_a_perfect_network_each_record_has_a_verdict_and_none_an_alarm() -> None:
     simulated = SimWorld(3, loss=0.0, delay_s=(0.001, 0.002), doubled=0.0, garbled=0.0)
     simulated.drive(vehicles=4, seconds=12.0)
     ledger = simulated.rig.ledger
     assert ledger.scored + ledger.warming == ledger.records == simulated.records
-    assert {alert["suspect"] for alert in simulated.said(Channel.ALERT) if alert["kind"] != "miss"} == set()
+    assert {alert["suspect"] for alert in simulated.published(Channel.ALERT) if alert["kind"] != "miss"} == set()
 
 
 def test_what_a_full_queue_sheds_is_accounted_for_by_its_records() -> None:
@@ -64,13 +64,13 @@ def test_more_vehicles_than_rows_are_refused_by_name() -> None:
     assert simulated.rig.ledger.records == simulated.records
 
 
-def test_states_and_health_are_told_all_the_while() -> None:
+def test_states_and_health_are_published_throughout() -> None:
     simulated = world(2)
-    assert len(simulated.said(Channel.HEALTH)) >= 12
-    assert {state["follower"] for state in simulated.said(Channel.STATE)} >= {f"car{n}" for n in range(8)}
+    assert len(simulated.published(Channel.HEALTH)) >= 12
+    assert {state["follower"] for state in simulated.published(Channel.STATE)} >= {f"car{n}" for n in range(8)}
 
 
-def test_a_loop_that_falls_behind_judges_the_fresh_accuses_nobody_and_soon_catches_up() -> None:
+def test_a_loop_that_falls_behind_processes_the_fresh_without_alarms_and_soon_catches_up() -> None:
     simulated = SimWorld(9, loss=0.0, delay_s=(0.001, 0.002), doubled=0.0, garbled=0.0)
     rig, waited_s = simulated.rig, []
     decode = rig.codec.decode
@@ -90,6 +90,6 @@ def test_a_loop_that_falls_behind_judges_the_fresh_accuses_nobody_and_soon_catch
     assert ledger.lost == {"shed": 0, "stale": bus.shed_records[Outcome.STALE]}
     assert ledger[Outcome.STALE] > 300
     assert ledger.records == simulated.records
-    missed = {alert["suspect"] for alert in simulated.said(Channel.ALERT) if alert["kind"] == "miss"}
+    missed = {alert["suspect"] for alert in simulated.published(Channel.ALERT) if alert["kind"] == "miss"}
     assert missed <= {f"car{n}-neighbour" for n in range(10)}, "who sends at every step was never silent"
-    assert simulated.said(Channel.HEALTH)[-1]["lost"] == ledger.lost
+    assert simulated.published(Channel.HEALTH)[-1]["lost"] == ledger.lost

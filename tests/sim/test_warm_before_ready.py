@@ -1,4 +1,4 @@
-"""No message waits for a compiler: what the loop needs is compiled before the service says that it is ready."""
+"""No message waits for a compiler: what the loop needs is compiled before the service reports ready."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""A process that warms up, judges a few seconds of everything, and fails if it compiled a kernel meanwhile."""
+"""A process that warms up, runs a few seconds of everything, and fails if it compiled a kernel meanwhile."""
 
 import sys
 from pathlib import Path
@@ -25,7 +25,7 @@ def compiled() -> set[tuple[str, str, str]]:
 
 
 class Troubled(SimWorld):
-    """One vehicle's speed lies for a second, and another falls silent."""
+    """One vehicle's speed is faulty for a second, and another falls silent."""
 
     def _record(self, vehicle: int, k: int, at_s: float) -> list[Any]:
         record = super()._record(vehicle, k, at_s)
@@ -47,9 +47,9 @@ def main() -> None:
     for _ in range(40):
         world.rig.clock.sleep(1.0)
         world.rig.loop.iterate()
-    told = {alert["kind"] for alert in world.said(Channel.ALERT)}
-    if world.rig.engine.vehicles or not warm or len(told) < KINDS:
-        raise SystemExit(f"nobody was forgotten, nothing was warmed up, or too little was told: {told}")
+    kinds = {alert["kind"] for alert in world.published(Channel.ALERT)}
+    if world.rig.engine.vehicles or not warm or len(kinds) < KINDS:
+        raise SystemExit(f"no vehicle was evicted, nothing was warmed up, or a kind is missing: {kinds}")
     late = sorted({f"{module}.{name}" for module, name, _ in compiled() - warm})
     if late:
         raise SystemExit(f"compiled while messages waited: {', '.join(late)}")

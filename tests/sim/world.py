@@ -74,18 +74,18 @@ class SimWorld:
             clock.sleep(ITERATION_S)
 
     def digest(self) -> str:
-        """Everything the service said and booked, less what its health reports tell of the machine."""
+        """All that the service published and counted, without what health reports say about the machine."""
         digest = hashlib.sha256()
         for channel, key, payload in self.rig.bus.published:
-            told = json.loads(payload)
+            message = json.loads(payload)
             for name in ("rss_mb", "cpu_s"):
-                told.pop(name, None)
-            digest.update(f"{channel.name} {key} {json.dumps(told, sort_keys=True)}".encode())
+                message.pop(name, None)
+            digest.update(f"{channel.name} {key} {json.dumps(message, sort_keys=True)}".encode())
         digest.update(repr([self.rig.ledger[outcome] for outcome in Outcome]).encode())
         return digest.hexdigest()
 
-    def said(self, channel: Channel) -> list[dict[str, Any]]:
-        """What was told on a channel."""
+    def published(self, channel: Channel) -> list[dict[str, Any]]:
+        """The messages of a channel."""
         return [json.loads(payload) for _, payload in self.rig.bus.on(channel)]
 
     def _send(self, vehicle: int, k: int, at_s: float) -> None:

@@ -41,7 +41,7 @@ def test_the_offset_of_the_reference_points_is_learnt() -> None:
 
 
 @pytest.mark.parametrize("rate_mps", [-0.7, 0.7])
-def test_a_drag_is_exposed_within_two_seconds(rate_mps: float) -> None:
+def test_a_drag_is_detected_within_two_seconds(rate_mps: float) -> None:
     readings = ranged(60.0, 1)
     drag(readings, 400, rate_mps)
     _, checks = run(readings)
@@ -49,7 +49,7 @@ def test_a_drag_is_exposed_within_two_seconds(rate_mps: float) -> None:
     assert 400 < found[0] < 420
 
 
-def test_a_drag_told_by_the_leader_is_exposed_as_well() -> None:
+def test_a_drag_of_the_leader_is_detected_as_well() -> None:
     readings = ranged(60.0, 2)
     readings["leader_x_m"][400:] -= 0.07 * np.arange(200)
     _, checks = run(readings)
@@ -66,20 +66,20 @@ def test_range_alone_is_enough() -> None:
     assert checks["anomalous"][460:].all()
 
 
-def test_one_wild_range_is_no_lie() -> None:
+def test_one_outlier_of_the_range_is_no_fault() -> None:
     readings = ranged(60.0, 4)
     readings["range_m"][400] += 2.0
     _, checks = run(readings)
     assert not checks["anomalous"].any()
 
 
-def test_without_a_range_nothing_is_said() -> None:
+def test_without_a_range_the_check_is_warming() -> None:
     _, checks = run(follow(30.0, np.random.default_rng(5)))
     assert checks["warming"].all()
     assert not checks["anomalous"].any()
 
 
-def test_a_sensor_that_looks_elsewhere_for_long_is_learnt_anew() -> None:
+def test_a_sensor_that_measures_another_vehicle_for_long_is_learnt_again() -> None:
     readings = ranged(120.0, 6)
     readings["range_m"][300:] -= 15.0
     _, checks = run(readings)

@@ -7,12 +7,12 @@ from headway.core.types.records import READING, Kind
 
 CARS = 4
 SECONDS = 80.0
-LIE_AT = 700
+FAULT_AT = 700
 P = pair_test_params(budget_per_hour=1.0)
 
 
-def platoon(with_range: bool, liar: int | None = None) -> np.ndarray:
-    """READING (n, 4): linear drivers of different temper behind each other; `liar` feigns a brake at LIE_AT."""
+def platoon(with_range: bool, faulty: int | None = None) -> np.ndarray:
+    """READING (n, 4): linear drivers of different temper behind each other; `faulty` feigns a brake at LIE_AT."""
     rng = np.random.default_rng(11)
     t = np.arange(0.0, SECONDS, 0.1)
     x, v = np.zeros((t.size, CARS)), np.zeros((t.size, CARS))
@@ -35,10 +35,10 @@ def platoon(with_range: bool, liar: int | None = None) -> np.ndarray:
     if with_range:
         readings["range_m"][:, 1:] = x[:, :-1] - LENGTH_M - x[:, 1:] + rng.normal(0.5, 0.2, (t.size, CARS - 1))
         readings["range_rate_mps"][:, 1:] = v[:, :-1] - v[:, 1:] + rng.normal(0.0, 0.1, (t.size, CARS - 1))
-    if liar is not None:
-        speed, location = dip(t.size - LIE_AT)
-        v[LIE_AT:, liar] += speed
-        x[LIE_AT:, liar] += location
+    if faulty is not None:
+        speed, location = dip(t.size - FAULT_AT)
+        v[FAULT_AT:, faulty] += speed
+        x[FAULT_AT:, faulty] += location
     readings["x_m"], readings["v_mps"] = x, v + rng.normal(0.0, 0.02, v.shape)
     readings["leader_x_m"][:, 1:], readings["leader_v_mps"][:, 1:] = x[:, :-1], readings["v_mps"][:, :-1]
     return readings
@@ -55,30 +55,30 @@ def run(readings: np.ndarray, leaders: np.ndarray | None = None) -> np.ndarray:
 
 
 def last_named(verdicts: np.ndarray) -> int:
-    """The car that the last statement names."""
+    """The suspect of the last alarm."""
     moment, follower = np.argwhere(verdicts["kind"] != Kind.NONE)[-1]
     return int(follower if verdicts["follower_log_odds"][moment, follower] > 0.0 else follower - 1)
 
 
 @pytest.mark.parametrize("with_range", [False, True])
-def test_honest_cars_are_left_in_peace(with_range: bool) -> None:
+def test_healthy_vehicles_raise_no_alarm(with_range: bool) -> None:
     verdicts = run(platoon(with_range))
     assert (verdicts["kind"] == Kind.NONE).all()
     assert not verdicts["response"]["warming"][-1, 1:].any()
 
 
 @pytest.mark.parametrize("with_range", [False, True])
-@pytest.mark.parametrize("liar", range(CARS))
-def test_a_feigned_brake_names_the_liar_wherever_it_drives(with_range: bool, liar: int) -> None:
-    verdicts = run(platoon(with_range, liar))[: LIE_AT + 50]
-    assert (verdicts["kind"][:LIE_AT] == Kind.NONE).all()
+@pytest.mark.parametrize("faulty", range(CARS))
+def test_a_feigned_brake_names_the_faulty_vehicle_wherever_it_drives(with_range: bool, faulty: int) -> None:
+    verdicts = run(platoon(with_range, faulty))[: FAULT_AT + 50]
+    assert (verdicts["kind"][:FAULT_AT] == Kind.NONE).all()
     assert (verdicts["kind"] == (Kind.RANGE if with_range else Kind.RESPONSE)).any()
-    assert last_named(verdicts) == liar
+    assert last_named(verdicts) == faulty
 
 
 def test_the_suspect_stands_when_the_alarm_is_over() -> None:
     """What ends an event blames whom it has blamed."""
-    verdicts = run(platoon(with_range=False, liar=1))
+    verdicts = run(platoon(with_range=False, faulty=1))
     for follower in (1, 2):
         last = int(np.flatnonzero(verdicts["kind"][:, follower] != Kind.NONE)[-1])
         odds = verdicts["follower_log_odds"][:, follower]
@@ -86,8 +86,8 @@ def test_the_suspect_stands_when_the_alarm_is_over() -> None:
         assert (odds[last:] == odds[last]).all()
 
 
-def test_the_verdict_does_not_depend_on_the_order_of_a_wave() -> None:
-    readings = platoon(with_range=True, liar=1)
+def test_the_verdict_does_not_depend_on_the_order_of_a_round() -> None:
+    readings = platoon(with_range=True, faulty=1)
     forward = run(readings)
     backwards = np.arange(CARS)[::-1].copy()
     pair_tests = np.zeros(CARS, PAIR_TESTS)
@@ -97,7 +97,7 @@ def test_the_verdict_does_not_depend_on_the_order_of_a_wave() -> None:
         assert (verdicts["kind"][::-1] == forward["kind"][k]).all()
 
 
-def test_a_leader_who_is_another_car_begins_with_new_offsets() -> None:
+def test_another_leader_starts_with_new_offsets() -> None:
     readings = platoon(with_range=True)
     rows, pair_tests = np.arange(CARS), np.zeros(CARS, PAIR_TESTS)
     verdicts = np.zeros(CARS, PAIR_TEST_VERDICT)
@@ -112,7 +112,7 @@ def test_a_leader_who_is_another_car_begins_with_new_offsets() -> None:
     assert pair_tests["response"]["learning_time_s"][2] > P.response.warming_s
 
 
-def test_a_leader_unheard_for_a_moment_is_the_same_pair() -> None:
+def test_a_short_gap_of_the_leader_keeps_the_pair() -> None:
     readings = platoon(with_range=True)
     for name in ("leader_t_s", "leader_x_m", "leader_v_mps"):
         readings[name][600:605, 2] = np.nan

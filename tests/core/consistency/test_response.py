@@ -34,11 +34,11 @@ def batch(readings: np.ndarray, ridge: float) -> np.ndarray:
     """theta by least squares on the whole drive, from the equation in the module's docstring."""
     at = readings[::4]
     gap = at["leader_x_m"] - at["leader_length_m"] - at["x_m"]
-    own = np.stack(
+    state = np.stack(
         [np.ones(at.size), gap / 20.0, at["v_mps"] / 10.0, at["leader_v_mps"] - at["v_mps"], np.log(gap)], axis=1
     )
     a, a_leader = np.diff(at["v_mps"]) / 0.4, np.diff(at["leader_v_mps"]) / 0.4
-    rows = [np.concatenate([own[k], a_leader[k - LAGS + 1 : k + 1][::-1]]) for k in range(LAGS - 1, len(a))]
+    rows = [np.concatenate([state[k], a_leader[k - LAGS + 1 : k + 1][::-1]]) for k in range(LAGS - 1, len(a))]
     phi, y = np.array(rows) * np.sqrt(0.4), a[LAGS - 1 :] * np.sqrt(0.4)
     phi = np.vstack([phi, np.sqrt(ridge) * np.eye(COLUMNS)])
     y = np.concatenate([y, np.sqrt(ridge) * np.array(MEAN_DRIVER)])
@@ -72,7 +72,7 @@ def test_a_feigned_brake_is_found_and_the_follower_moved() -> None:
     assert at_onset["follower_surprise"][0] > at_onset["leader_surprise"][0] + 1.0
 
 
-def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
+def test_a_feigned_manoeuvre_of_the_leader_has_no_response() -> None:
     readings = follow(120.0, np.random.default_rng(2))
     speed, location = dip(60)
     readings["leader_v_mps"][1000:1060] += speed
@@ -84,7 +84,7 @@ def test_a_leader_who_feigns_is_not_answered_and_the_leader_moved() -> None:
     assert at_last["leader_surprise"][0] > at_last["follower_surprise"][0] + 0.25
 
 
-def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
+def test_braking_in_response_to_the_leader_is_no_anomaly() -> None:
     def brakes(t_s: np.ndarray) -> np.ndarray:
         return wave(t_s) - 3.0 * np.exp(-(((t_s - 102.0) / 1.5) ** 2))
 
@@ -95,7 +95,7 @@ def test_a_driver_who_brakes_because_the_leader_does_is_left_in_peace() -> None:
     assert row["pair_fault"]["log_odds"][0] < -1.0
 
 
-def test_a_leader_who_says_what_nobody_answers_is_doubted() -> None:
+def test_a_leader_without_a_response_raises_the_fault_log_odds() -> None:
     readings = follow(120.0, np.random.default_rng(2))
     calm, _ = run(readings[:1040])
     speed, location = dip(40)
@@ -110,15 +110,15 @@ def test_a_speed_that_is_frozen_while_the_leader_changes_drifts() -> None:
     frozen = readings.copy()
     frozen["v_mps"][1100:] = readings["v_mps"][1100]
     frozen["x_m"][1100:] = readings["x_m"][1100] + 0.1 * readings["v_mps"][1100] * np.arange(100)
-    (honest, _), (row, checks) = run(readings), run(frozen)
+    (healthy, _), (row, checks) = run(readings), run(frozen)
     assert checks["anomalous"][1100:].any()
     unexplained_mps = (row["measured_drift_mps"] - row["predicted_drift_mps"])[0]
-    assert abs(unexplained_mps) > 10.0 * abs(honest["measured_drift_mps"] - honest["predicted_drift_mps"])[0]
+    assert abs(unexplained_mps) > 10.0 * abs(healthy["measured_drift_mps"] - healthy["predicted_drift_mps"])[0]
     assert row["still_share"][0, 0] < 0.1
     assert row["follower_surprise"][0] > 1.5  # a speed that never stands still does
 
 
-def test_a_driver_who_often_keeps_one_speed_is_not_odd_in_doing_so() -> None:
+def test_a_constant_speed_is_no_surprise_in_a_driver_that_often_keeps_one() -> None:
     readings = follow(120.0, np.random.default_rng(9), leader=lambda t_s: np.full(t_s.size, 12.0), noise=0.001)
     row, _ = run(readings)
     assert (row["still_share"][0] > 0.5).all()
@@ -129,13 +129,13 @@ def test_a_driver_who_often_keeps_one_speed_is_not_odd_in_doing_so() -> None:
     )
 
 
-def test_an_answer_is_excused_in_proportion() -> None:
+def test_the_variance_grows_with_the_manoeuvre_that_was_answered() -> None:
     """Half as much again as was due is one standard deviation; no answer, or one to the other side, is not excused."""
     assert answer_spread_ms(3.0, 2.0) == answer_spread_ms(-2.0, -3.0) == pytest.approx(1.0)
     assert answer_spread_ms(0.0, 2.0) == answer_spread_ms(-2.0, 2.0) == 0.0
 
 
-def test_a_driver_who_is_odd_now_and_then_is_learnt_in_the_end() -> None:
+def test_a_driver_with_rare_exceedances_is_learnt_in_the_end() -> None:
     """A statistic that swings about the gate must not keep the row from learning."""
     readings = follow(400.0, np.random.default_rng(8))
     t_s = readings["t_s"] - START_S
@@ -147,18 +147,18 @@ def test_a_driver_who_is_odd_now_and_then_is_learnt_in_the_end() -> None:
 
 def test_the_anomaly_is_not_learnt() -> None:
     readings = follow(110.0, np.random.default_rng(4))
-    honest = readings.copy()
+    healthy = readings.copy()
     speed, location = dip(100, depth_mps=6.0)
     readings["v_mps"][1000:] += speed
     readings["x_m"][1000:] += location
     lied, checks = run(readings[:1045])
-    truthful, _ = run(honest[:1045])
+    without_fault, _ = run(healthy[:1045])
     assert checks["anomalous"].sum() > 20
-    assert lied["theta"][0] == pytest.approx(truthful["theta"][0], abs=0.02)
-    assert lied["residual_ms"][0] == pytest.approx(truthful["residual_ms"][0], rel=0.2)
+    assert lied["theta"][0] == pytest.approx(without_fault["theta"][0], abs=0.02)
+    assert lied["residual_ms"][0] == pytest.approx(without_fault["residual_ms"][0], rel=0.2)
 
 
-def test_warming_is_said_until_enough_was_learnt_and_after_a_new_leader() -> None:
+def test_warming_until_enough_was_learnt_and_after_a_new_leader() -> None:
     readings = follow(80.0, np.random.default_rng(5))
     row, checks = run(readings)
     until = int(np.argmax(~checks["warming"]))
@@ -173,7 +173,7 @@ def test_warming_is_said_until_enough_was_learnt_and_after_a_new_leader() -> Non
     assert until == pytest.approx(4 * WINDOW_TICKS, abs=4)
 
 
-def test_without_a_leader_nothing_is_said() -> None:
+def test_without_a_leader_the_check_is_warming() -> None:
     readings = follow(60.0, np.random.default_rng(6))
     for name in ("leader_t_s", "leader_x_m", "leader_v_mps", "leader_length_m"):
         readings[name] = np.nan
@@ -183,7 +183,7 @@ def test_without_a_leader_nothing_is_said() -> None:
     assert row["learning_time_s"][0] == 0.0
 
 
-def test_a_driver_who_changes_for_good_is_learnt_again() -> None:
+def test_a_driver_that_changes_for_good_is_learnt_again() -> None:
     """A change of manner far beyond the gate alarms, then is how this driver drives."""
     rng = np.random.default_rng(7)
     readings = follow(600.0, rng)
@@ -194,6 +194,6 @@ def test_a_driver_who_changes_for_good_is_learnt_again() -> None:
     assert not checks["anomalous"][4500:].any()
 
 
-def test_the_row_is_small_and_says_what_it_holds() -> None:
+def test_the_row_is_small_and_its_fields_have_names() -> None:
     assert RESPONSE.itemsize <= 2048
     assert RESPONSE["theta"].shape == (STATE_COLUMNS + LAGS,)

@@ -32,7 +32,7 @@ class Follower:
         return self.log.update(np.array([self.row]), np.array([self.row]), np.array([-1]), t_us, t_us, verdict)
 
 
-def test_clean_readings_say_nothing() -> None:
+def test_clean_readings_cause_no_event() -> None:
     assert Follower().reads(False) == []
 
 
@@ -55,7 +55,7 @@ def test_a_better_verdict_is_an_update_and_the_same_one_is_not() -> None:
     assert (update.phase, update.kind) == (Phase.UPDATE, Kind.BIAS)
 
 
-def test_a_kind_that_flaps_is_told_every_300_ms_at_10_hz() -> None:
+def test_an_alternating_kind_is_updated_every_300_ms_at_10_hz() -> None:
     car = Follower()
     events = [car.reads(True, Kind.NOISE if n % 2 else Kind.BIAS) for n in range(13)]
     assert [n for n, update in enumerate(events) if update] == [0, 3, 6, 9, 12]
@@ -64,7 +64,7 @@ def test_a_kind_that_flaps_is_told_every_300_ms_at_10_hz() -> None:
     ]  # fmt: skip
 
 
-def test_a_change_too_soon_to_be_told_is_told_at_the_end() -> None:
+def test_a_change_too_soon_for_an_update_is_part_of_the_last_one() -> None:
     car = Follower()
     car.reads(True, Kind.SHORT)
     assert car.reads(True, Kind.BIAS, Sensor.SPEED) == []

@@ -1,4 +1,4 @@
-"""The order in which a batch is taken: by event time, and no vehicle twice in a wave."""
+"""The order of a batch: by event time, and no vehicle twice in a round."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def test_too_old_and_from_the_future_are_named_and_the_limits_are_inside() -> No
     ]  # fmt: skip
 
 
-def test_waves_are_the_same_as_sorting_and_counting() -> None:
+def test_rounds_are_the_same_as_sorting_and_counting() -> None:
     rng = np.random.default_rng(4)
     seen = np.zeros(20, np.int64)
     for size in (1, 7, 300):
@@ -36,7 +36,7 @@ def test_waves_are_the_same_as_sorting_and_counting() -> None:
         assert not seen.any()
 
 
-def test_nothing_to_judge_is_no_wave() -> None:
+def test_no_accepted_record_is_no_round() -> None:
     order, nth, count = rounds(
         np.array([-1]), np.array([5]), np.array([Outcome.TABLE_FULL], np.uint8), np.zeros(1, np.int64)
     )

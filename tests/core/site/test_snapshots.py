@@ -35,12 +35,12 @@ def restored(engine: Engine, now_us: int, stride: int = 1) -> Engine:
     return other
 
 
-def told(event: AnomalyEvent) -> AnomalyEvent:
+def without_evidence(event: AnomalyEvent) -> AnomalyEvent:
     return replace(event, evidence=None)
 
 
 @pytest.mark.parametrize("stride", [1, 4])
-def test_the_restored_engine_goes_on_bit_for_bit(stride: int) -> None:
+def test_the_restored_engine_continues_bit_for_bit(stride: int) -> None:
     platoon = Platoon(5)
     engine = driven(60, platoon)
     events = step(engine, platoon.next({"car2": 9.0})).events
@@ -51,7 +51,7 @@ def test_the_restored_engine_goes_on_bit_for_bit(stride: int) -> None:
         one, two = step(engine, records), step(other, records)
         assert one.outcomes.tolist() == two.outcomes.tolist() == [Outcome.SCORED] * 5
         assert one.nis.tobytes() == two.nis.tobytes()
-        assert list(map(told, one.events)) == list(map(told, two.events))
+        assert list(map(without_evidence, one.events)) == list(map(without_evidence, two.events))
         events += two.events
         for event in two.events:
             assert event.evidence is not None
@@ -62,20 +62,20 @@ def test_the_restored_engine_goes_on_bit_for_bit(stride: int) -> None:
     ]  # fmt: skip
 
 
-def test_after_a_short_absence_vehicles_are_known_and_nobody_is_accused_of_it() -> None:
+def test_after_a_short_absence_vehicles_are_known_and_none_is_missed() -> None:
     platoon = Platoon(4)
     engine = driven(60, platoon)
     platoon.k += 30
     other = restored(engine, platoon.t_us)
     events = []
     for k in range(20):
-        turn = step(other, platoon.next(silent={"car2"} if k < 3 else None))
-        events += turn.events
-        assert set(turn.outcomes) == {Outcome.SCORED}
+        result = step(other, platoon.next(silent={"car2"} if k < 3 else None))
+        events += result.events
+        assert set(result.outcomes) == {Outcome.SCORED}
     assert [event for event in events if event.kind is Kind.MISS] == []
 
 
-def test_whoever_falls_silent_after_the_restart_is_missed() -> None:
+def test_a_vehicle_that_falls_silent_after_the_restart_is_missed() -> None:
     platoon = Platoon(3)
     other = restored(driven(60, platoon), platoon.t_us)
     step(other, platoon.next())
@@ -83,7 +83,7 @@ def test_whoever_falls_silent_after_the_restart_is_missed() -> None:
     assert [(event.kind, event.suspect) for event in events] == [(Kind.MISS, "car1")]
 
 
-def test_who_was_silent_for_too_long_is_not_known_again() -> None:
+def test_a_vehicle_silent_for_too_long_is_not_restored() -> None:
     platoon = Platoon(3)
     engine = driven(60, platoon)
     late = platoon.t_us + LATENCY_US + int(CONFIG.vehicle_ttl_s * 1e6)
@@ -105,7 +105,7 @@ def test_a_vehicle_that_changed_its_row_between_two_parts_is_known_once() -> Non
     assert sorted(other.states().followers) == ["car0", "car1"]
 
 
-def test_a_leader_that_is_gone_is_nobodys_leader() -> None:
+def test_a_leader_that_was_not_restored_leads_no_one() -> None:
     platoon = Platoon(3)
     engine = driven(60, platoon)
     alone = engine.snapshot()

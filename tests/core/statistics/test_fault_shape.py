@@ -1,4 +1,4 @@
-"""Kinds told apart by their shape, from Algorithm 1's own generators."""
+"""Kinds distinguished by their shape, from the generators of Algorithm 1."""
 
 from collections.abc import Callable
 

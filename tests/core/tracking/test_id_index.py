@@ -1,4 +1,4 @@
-"""The directory of names against Python's own dict."""
+"""The index of identifiers against Python's own dict."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -33,7 +33,7 @@ def test_rows_are_found_by_name_whatever_comes_and_goes(changes: list[tuple[int,
         assert rows_of(index, asked) == [known.get(name, -1) for name in asked]
 
 
-def test_names_that_share_a_chain_or_a_beginning_are_told_apart() -> None:
+def test_identifiers_of_one_chain_or_prefix_are_distinguished() -> None:
     index = new_id_index(1_000)
     ids = [f"{'x' * (n % 61)}{n}" for n in range(1_000)]
     for row in range(1_000):

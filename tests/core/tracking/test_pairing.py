@@ -70,7 +70,7 @@ def test_both_turn_at_a_crossing() -> None:
 
 
 @pytest.mark.parametrize(("follower", "leader"), [(RIGHT_TURN, STRAIGHT), (STRAIGHT, RIGHT_TURN)])
-def test_who_turns_off_is_let_go_within_three_seconds_of_the_place(follower: Road, leader: Road) -> None:
+def test_a_leader_that_turns_off_is_lost_within_three_seconds_of_the_place(follower: Road, leader: Road) -> None:
     """The follower is at the turn, 60 m on, at 10 s."""
     record = drive(World(), [Car(follower, at(0.0, 6.0)), Car(leader, at(14.0, 6.0))], 20.0)
     assert takeovers(record, 0) == [1, NO_LEADER]
@@ -83,7 +83,7 @@ def breathing(start_m: float, phase: float) -> Motion:
 
 
 def platoon(road: Road, seed: int, lanes: int = 1) -> tuple[list[Car], list[int]]:
-    """Eight cars in random rows, each half a metre off in a direction of its own; and who leads whom."""
+    """Eight cars in random rows, each half a metre off in a direction of its own; and the order of their leaders."""
     rng = np.random.default_rng(seed)
     order = rng.permutation(8)
     cars: dict[int, Car] = {}
@@ -118,7 +118,7 @@ def test_two_lanes_side_by_side_do_not_mix(road: Road, seed: int) -> None:
     assert record.leader[80:].tolist() == [leaders] * 170
 
 
-def test_oncoming_and_crossing_cars_are_nobodys_leader() -> None:
+def test_oncoming_and_crossing_vehicles_lead_no_one() -> None:
     oncoming = Road(((1e5, 0.0),), math.pi, -LANE_M, 400.0)
     crossing = Road(((1e5, 0.0),), math.pi / 2, -200.0, 220.0)
     cars = [Car(STRAIGHT, at(0.0, 12.0)), Car(oncoming, at(0.0, 12.0)), Car(crossing, at(0.0, 12.0))]
@@ -134,7 +134,7 @@ def test_a_car_that_just_crossed_where_the_follower_waits_is_not_its_leader() ->
 
 
 @pytest.mark.parametrize("angle_deg", [30.0, 60.0, 90.0])
-def test_a_car_first_heard_standing_at_an_angle_is_not_in_the_lane(angle_deg: float) -> None:
+def test_a_vehicle_first_received_standing_at_an_angle_is_not_in_the_lane(angle_deg: float) -> None:
     """Straight behind it is the follower, but neither's heading leads along that line."""
     angle = math.radians(angle_deg)
     aside = Road(((1e5, 0.0),), angle, 20.0 * math.sin(angle), 20.0 * math.cos(angle) + 0.5)
@@ -155,7 +155,7 @@ def test_follower_changes_lane() -> None:
 
 @pytest.mark.parametrize("road", [STRAIGHT, BEND])
 def test_a_car_that_cuts_in_leads_before_the_follower_is_where_it_did(road: Road) -> None:
-    """It is over the line at 9.5 s and 25 m ahead: its trail is beside the follower two seconds later."""
+    """It is over the line at 9.5 s and 25 m ahead: its path is beside the follower two seconds later."""
     cars = [
         Car(road, at(0.0, 12.0)),
         Car(road, at(50.0, 12.0)),
@@ -204,24 +204,24 @@ def test_a_receiver_that_wanders_sideways_does_not_change_the_leader(row: int, e
 
 
 @pytest.mark.parametrize("row", [0, 1])
-def test_a_lie_along_the_road_that_was_found_out_moves_nothing(row: int) -> None:
-    def trusted(who: int, t_s: float) -> bool:
+def test_a_rejected_error_along_the_road_moves_nothing(row: int) -> None:
+    def location_valid(who: int, t_s: float) -> bool:
         return who != row or not 10.0 < t_s < 20.0
 
     cars = [Car(STRAIGHT, at(0.0, 12.0)), Car(STRAIGHT, at(30.0, 12.0))]
     world = World()
-    record = drive(world, cars, 25.0, noise=wander(row, 10.0, 20.0, 0.0, 20.0), trusted=trusted)
+    record = drive(world, cars, 25.0, noise=wander(row, 10.0, 20.0, 0.0, 20.0), location_valid=location_valid)
     assert takeovers(record, 0) == [1]
     assert record.changed.sum() == 1
     assert world.pairing["offset_m"][0] == pytest.approx(30.0, abs=1e-3)
-    lying = np.array([10.0 < t_s < 20.0 for t_s in record.t_s])
-    assert record.gap_m[lying, 0] == pytest.approx(30.0 - DEFAULT_LENGTH_M + (20.0 if row else -20.0), abs=0.01)
-    assert record.gap_m[~lying][20:, 0] == pytest.approx(30.0 - DEFAULT_LENGTH_M, abs=0.01)
+    faulty_steps = np.array([10.0 < t_s < 20.0 for t_s in record.t_s])
+    assert record.gap_m[faulty_steps, 0] == pytest.approx(30.0 - DEFAULT_LENGTH_M + (20.0 if row else -20.0), abs=0.01)
+    assert record.gap_m[~faulty_steps][20:, 0] == pytest.approx(30.0 - DEFAULT_LENGTH_M, abs=0.01)
 
 
 @pytest.mark.parametrize("row", [0, 1])
-def test_a_lie_along_the_road_that_was_believed_cancels(row: int) -> None:
-    """Both the odometer and the place on the trail move by the lie."""
+def test_an_accepted_error_along_the_road_cancels(row: int) -> None:
+    """The odometer and the place on the path move by the same error."""
     cars = [Car(STRAIGHT, at(0.0, 12.0)), Car(STRAIGHT, at(30.0, 12.0))]
     world = World()
     record = drive(world, cars, 25.0, noise=wander(row, 10.0, 20.0, 0.0, 8.0))
@@ -235,7 +235,7 @@ def test_a_queue_that_stands_keeps_its_order() -> None:
     assert record.leader[20:].tolist() == [[NO_LEADER, 0, 1, 2, 3]] * 580
 
 
-def test_a_queue_first_heard_standing_is_ordered_by_its_headings() -> None:
+def test_a_queue_first_received_standing_is_ordered_by_its_headings() -> None:
     cars = [Car(STRAIGHT, queue(-7.0 * i, 10.0, 40.0)) for i in range(5)]
     record = drive(World(), cars, 10.0, start_s=15.0)
     assert record.leader[20:].tolist() == [[NO_LEADER, 0, 1, 2, 3]] * 80
@@ -247,7 +247,7 @@ def test_without_headings_the_order_is_found_once_they_move() -> None:
     assert record.leader[25:].tolist() == [[NO_LEADER, 0, 1, 2]] * 75
 
 
-def test_a_leader_gone_silent_is_lost_and_found_again() -> None:
+def test_a_silent_leader_is_lost_and_found_again() -> None:
     cars = [Car(STRAIGHT, at(0.0, 2.0)), Car(STRAIGHT, at(30.0, 2.0))]
     record = drive(World(), cars, 25.0, silent=lambda row, t_s: row == 1 and 8.0 < t_s < 16.0)
     assert takeovers(record, 0) == [1, NO_LEADER, 1]
@@ -279,7 +279,7 @@ def test_the_next_vehicle_in_a_followers_row_inherits_no_leader() -> None:
     assert (record.leader[:, 0] == NO_LEADER).all()
 
 
-def test_a_declared_leader_is_believed_at_the_next_look() -> None:
+def test_a_declared_leader_is_accepted_at_the_next_search() -> None:
     """Two ahead in the lane; the follower names the farther one, which its radar may well see."""
     cars = [Car(STRAIGHT, at(0.0, 15.0)), Car(STRAIGHT, at(20.0, 15.0)), Car(STRAIGHT, at(60.0, 15.0))]
     world = World()
@@ -290,7 +290,7 @@ def test_a_declared_leader_is_believed_at_the_next_look() -> None:
 
 
 @pytest.mark.parametrize("named", [0, 2, 3, 4, 5])
-def test_a_declared_leader_that_cannot_be_is_not_believed(named: int) -> None:
+def test_an_impossible_declared_leader_is_not_accepted(named: int) -> None:
     """Oneself, the car behind, one out of range, one on a road beside, a row that is free."""
     cars = [
         Car(STRAIGHT, at(0.0, 15.0)),
@@ -303,7 +303,7 @@ def test_a_declared_leader_that_cannot_be_is_not_believed(named: int) -> None:
     assert takeovers(record, 0) == [1]
 
 
-def test_a_place_on_the_trail_that_leaps_by_a_lap_is_a_change() -> None:
+def test_a_place_on_the_path_that_jumps_by_a_lap_is_a_change() -> None:
     """Twice round: the leader takes the second lap in the outer lane, and the lap before is beside the follower."""
     ring = Road(((1e6, 1 / 15.0),))
     lap_m = 30.0 * math.pi
@@ -322,7 +322,7 @@ def test_a_place_on_the_trail_that_leaps_by_a_lap_is_a_change() -> None:
     assert offset_m[-1] == pytest.approx(1.25 * lap_m, abs=0.5)
 
 
-def test_two_cars_that_name_each_other_are_two_pairs() -> None:
+def test_two_vehicles_that_declare_each_other_are_two_pairs() -> None:
     ring = Road(((1e6, 1 / 15.0),))
     half_m = 15.0 * math.pi
     record = drive(World(), [Car(ring, at(0.0, 8.0)), Car(ring, at(half_m, 8.0))], 30.0, declared={0: 1, 1: 0})
@@ -367,9 +367,7 @@ def test_another_row_for_each_vehicle_changes_nothing() -> None:
 
 
 @pytest.mark.parametrize(("accuracy_m", "leader"), [(math.nan, NO_LEADER), (0.1, NO_LEADER), (1.0, 1), (10.0, 1)])
-def test_the_corridor_is_wider_for_whoever_declares_an_accuracy_but_never_by_a_lane(
-    accuracy_m: float, leader: int
-) -> None:
+def test_the_corridor_is_wider_for_a_declared_accuracy_but_never_by_a_lane(accuracy_m: float, leader: int) -> None:
     """The car ahead is 2.3 m to the left, half a lane is 1.8 m; another drives in the next lane, nearer."""
     world = World(capacity=3)
     cars = [

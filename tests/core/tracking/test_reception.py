@@ -1,4 +1,4 @@
-"""A miss needs a late sender and somebody who heard others meanwhile."""
+"""A miss needs an overdue sender, and messages of others meanwhile."""
 
 import numpy as np
 
@@ -15,45 +15,45 @@ def test_never_before_600_ms_and_never_before_three_intervals() -> None:
     assert [reception.limit_us(interval_s, 0.6) for interval_s in (0.1, 0.2, 0.5)] == [600_000, 600_000, 1_500_000]
 
 
-def test_leader_and_follower_are_each_others_witness() -> None:
-    heard = np.array([100, 200, 300, 0])
-    neighbour = reception.last_neighbour_us(heard, np.array([0, 1, 2]), np.array([-1, 0, 1]))
+def test_leader_and_follower_are_each_others_neighbour() -> None:
+    received = np.array([100, 200, 300, 0])
+    neighbour = reception.last_neighbour_us(received, np.array([0, 1, 2]), np.array([-1, 0, 1]))
     assert neighbour.tolist() == [200, 300, 200]
 
 
 def silent(last_received_us: list[int]) -> np.ndarray:
-    """Tracks of vehicles at 10 Hz, well known, last heard then."""
+    """Tracks of vehicles at 10 Hz, past warming, last received at these times."""
     known = tracks.new_tracks(len(last_received_us))
     known["received_us"], known["t_us"] = last_received_us, last_received_us
     known["count"], known["interval_s"] = 100, 0.1
     return known
 
 
-def test_late_only_while_a_neighbour_is_still_heard() -> None:
+def test_overdue_only_while_a_neighbour_is_received() -> None:
     known = silent([9 * S, 9 * S, int(9.9 * S), 9 * S])
     leaders = np.array([2, 3, -1, -1])
     overdue = reception.overdue(known, np.arange(4), leaders, np.zeros(4, np.bool_), 10 * S, 0.6, 30)
     assert overdue.tolist() == [True, False, False, False]
 
 
-def test_neither_the_excused_nor_the_little_known_are_late() -> None:
+def test_ignored_and_little_known_vehicles_are_not_overdue() -> None:
     known = silent([9 * S, 9 * S, int(9.9 * S)])
     known["count"][1] = 30
     leaders, ignored = np.array([2, 2, -1]), np.array([True, False, False])
     assert not reception.overdue(known, np.arange(3), leaders, ignored, 10 * S, 0.6, 30).any()
 
 
-def test_renamed_is_who_began_since_where_the_silent_one_would_be() -> None:
+def test_a_new_vehicle_at_the_extrapolated_place_is_a_changed_pseudonym() -> None:
     known = silent([9 * S, int(9.5 * S), int(9.5 * S)])
     known["v_mps"], known["heading_north"] = 20.0, 1.0
     known["lat_deg"] = 42.0 + np.array([0.0, 10.0, 200.0]) / 111_000.0
-    first_heard = np.array([0, int(9.1 * S), int(9.1 * S)])
+    first_received = np.array([0, int(9.1 * S), int(9.1 * S)])
     rows = np.arange(3)
-    assert reception.pseudonym_changed(known, first_heard, 0, rows)
+    assert reception.pseudonym_changed(known, first_received, 0, rows)
     assert not reception.pseudonym_changed(known, np.array([0, 8 * S, int(9.1 * S)]), 0, rows)
 
 
-def test_an_ear_that_heard_nobody_was_not_open() -> None:
+def test_a_monitor_without_messages_was_not_receiving() -> None:
     monitor = reception.ReceptionMonitor()
     monitor.record(np.arange(0, 2 * S, 50_000))
     assert monitor.was_receiving(S // 2, 3 * S // 2)
@@ -61,7 +61,7 @@ def test_an_ear_that_heard_nobody_was_not_open() -> None:
     assert not monitor.was_receiving(S, S + 50_000)
 
 
-def test_a_miss_begins_and_ends_under_one_id() -> None:
+def test_a_miss_starts_and_ends_under_one_id() -> None:
     vehicles = VehicleTable(2)
     follower, leader = vehicles.admit(["a", "b"])
     log = MissLog(vehicles, 2)

@@ -14,7 +14,7 @@ BEND = Road(((60.0, 0.0), (60.0 * math.pi / 2, 1 / 60.0), (1e5, 0.0)))
 CROSSING = Road(((60.0, 0.0), (8.0 * math.pi / 2, -1 / 8.0), (1e5, 0.0)))
 
 
-def hear(
+def receive(
     world: World,
     t_s: float,
     north_m: float = 0.0,
@@ -23,14 +23,14 @@ def hear(
     speed: float = 10.0,
     heading: float = 0.0,
     msg_cnt: int = 0,
-    trusted: bool = True,
+    location_valid: bool = True,
 ) -> tuple[int, float, int, bool]:
     """One reading of row 0 through both passes: outcome, x_m, missed, began."""
     lat, lon = lat_lon(east_m, north_m)
     one = (np.array([value]) for value in (lat, lon, speed, heading))
     outcome, x_m, sequence_gaps, initialised = world.advance(ROW, START_US + round(t_s * 1e6), *one, msg_cnt=msg_cnt)
     if outcome[0] == Outcome.SCORED:
-        world.extend_path_history(ROW, np.array([trusted]), np.array([speed]))
+        world.extend_path_history(ROW, np.array([location_valid]), np.array([speed]))
     return int(outcome[0]), float(x_m[0]), int(sequence_gaps[0]), bool(initialised[0])
 
 
@@ -65,7 +65,7 @@ def test_an_outlier_leaves_nothing_behind() -> None:
     for world in (clean, spoiled):
         for k in range(200):
             off = 80.0 if world is spoiled and k == 100 else 0.0
-            _, x_m, _, _ = hear(world, k * STEP_S, k * 1.0 + off, east_m=off, trusted=off == 0.0)
+            _, x_m, _, _ = receive(world, k * STEP_S, k * 1.0 + off, east_m=off, location_valid=off == 0.0)
             if off:
                 assert x_m == pytest.approx(180.0, abs=1e-3)
     assert spoiled.tracks["x_m"][0] == pytest.approx(clean.tracks["x_m"][0], abs=1e-6)
@@ -73,36 +73,38 @@ def test_an_outlier_leaves_nothing_behind() -> None:
     assert spoiled.tracks["heading_east"][0] == 0.0
 
 
-def test_a_long_lie_about_location_shows_in_x_until_it_ends_and_not_after() -> None:
+def test_a_long_location_fault_shows_in_x_until_it_ends_and_not_after() -> None:
     """20 m ahead of the truth for 5 s, through the bend, and the base is carried on by the speed meanwhile."""
 
-    def lies(t_s: float) -> bool:
+    def faulty(t_s: float) -> bool:
         return 8.0 < t_s < 13.0
 
     def spoil(_row: int, t_s: float, r: Reading) -> Reading:
         east, north = 20.0 * math.sin(math.radians(r[3])), 20.0 * math.cos(math.radians(r[3]))
-        return (r[0] + north / 111_200.0, r[1] + east / 74_300.0, *r[2:]) if lies(t_s) else r
+        return (r[0] + north / 111_200.0, r[1] + east / 74_300.0, *r[2:]) if faulty(t_s) else r
 
-    record = drive(World(), [Car(BEND, lambda t: 10.0 * t)], 20.0, noise=spoil, trusted=lambda _row, t_s: not lies(t_s))
+    record = drive(
+        World(), [Car(BEND, lambda t: 10.0 * t)], 20.0, noise=spoil, location_valid=lambda _row, t_s: not faulty(t_s)
+    )
     error = record.x_m[:, 0] - 10.0 * record.t_s
-    lying = np.array([lies(t_s) for t_s in record.t_s])
-    assert error[lying] == pytest.approx(20.0, abs=1.0)
-    assert error[~lying] == pytest.approx(0.0, abs=0.2)
+    faulty_steps = np.array([faulty(t_s) for t_s in record.t_s])
+    assert error[faulty_steps] == pytest.approx(20.0, abs=1.0)
+    assert error[~faulty_steps] == pytest.approx(0.0, abs=0.2)
 
 
 def test_a_wrong_heading_of_one_reading_turns_nothing_after_it() -> None:
     world = World()
     for k in range(100):
-        hear(world, k * STEP_S, k * 1.0, heading=90.0 if k == 50 else 0.0, trusted=k != 50)
+        receive(world, k * STEP_S, k * 1.0, heading=90.0 if k == 50 else 0.0, location_valid=k != 50)
     assert world.tracks["x_m"][0] == pytest.approx(99.0, abs=0.01)
 
 
 def test_a_standing_car_keeps_its_heading() -> None:
     world = World()
     for k in range(50):
-        hear(world, k * STEP_S, k * 1.0, heading=0.0)
+        receive(world, k * STEP_S, k * 1.0, heading=0.0)
     for k in range(50, 100):
-        hear(world, k * STEP_S, 49.0, speed=0.1, heading=37.0 * k % 360.0)
+        receive(world, k * STEP_S, 49.0, speed=0.1, heading=37.0 * k % 360.0)
     assert (world.tracks["heading_east"][0], world.tracks["heading_north"][0]) == (0.0, 1.0)
 
 
@@ -110,9 +112,9 @@ def test_a_standing_car_keeps_its_heading() -> None:
 def test_a_heading_first_declared_in_motion_replaces_that_of_a_parked_car(parked_deg: float) -> None:
     world = World()
     for k in range(10):
-        hear(world, k * STEP_S, speed=0.0, heading=parked_deg)
+        receive(world, k * STEP_S, speed=0.0, heading=parked_deg)
     for k in range(30):
-        _, x_m, _, _ = hear(world, 1.0 + k * STEP_S, k * 1.0, heading=0.0)
+        _, x_m, _, _ = receive(world, 1.0 + k * STEP_S, k * 1.0, heading=0.0)
     assert x_m == pytest.approx(29.0, abs=1e-3)
 
 
@@ -136,17 +138,17 @@ def test_a_speed_that_is_stuck_at_zero_does_not_bend_the_odometer() -> None:
 
 def test_a_copy_is_a_duplicate_another_content_a_contradiction_and_an_older_one_out_of_order() -> None:
     world = World()
-    hear(world, 0.0, 0.0)
-    hear(world, 0.1, 1.0, msg_cnt=1)
+    receive(world, 0.0, 0.0)
+    receive(world, 0.1, 1.0, msg_cnt=1)
     before = world.tracks.tobytes()
-    outcome, x_m, sequence_gaps, initialised = hear(world, 0.1, 50.0, msg_cnt=1)
+    outcome, x_m, sequence_gaps, initialised = receive(world, 0.1, 50.0, msg_cnt=1)
     assert (outcome, sequence_gaps, initialised) == (Outcome.CONTRADICTION, 0, False)
     assert world.tracks["contradictions"][0] == 1
     world.tracks["contradictions"][0] = 0
-    assert hear(world, 0.1, 1.0, msg_cnt=1)[0] == Outcome.DUPLICATE
-    assert hear(world, 0.1, 1.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
+    assert receive(world, 0.1, 1.0, msg_cnt=1)[0] == Outcome.DUPLICATE
+    assert receive(world, 0.1, 1.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert math.isnan(x_m)
-    assert hear(world, 0.05, 50.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
+    assert receive(world, 0.05, 50.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert world.tracks.tobytes() == before
 
 
@@ -167,38 +169,38 @@ def test_missed_messages_by_counter(counts: list[int], steps: list[int], sequenc
     world = World()
     t_s, total = 0.0, 0
     for k in range(40):
-        hear(world, t_s, 10.0 * t_s, msg_cnt=(counts[0] - 40 + k) % 128)
+        receive(world, t_s, 10.0 * t_s, msg_cnt=(counts[0] - 40 + k) % 128)
         t_s += STEP_S
     for count, step in zip(counts, steps, strict=True):
         t_s += (step - 1) * STEP_S
-        total += hear(world, t_s, 10.0 * t_s, msg_cnt=count)[2]
+        total += receive(world, t_s, 10.0 * t_s, msg_cnt=count)[2]
         t_s += STEP_S
     assert total == sequence_gaps
 
 
 def test_loss_does_not_lengthen_the_senders_own_interval() -> None:
     world = World()
-    heard = np.flatnonzero(np.random.default_rng(4).random(500) < 0.5)
-    sequence_gaps = sum(hear(world, k * STEP_S, k * 1.0, msg_cnt=k % 128)[2] for k in heard)
+    received = np.flatnonzero(np.random.default_rng(4).random(500) < 0.5)
+    sequence_gaps = sum(receive(world, k * STEP_S, k * 1.0, msg_cnt=k % 128)[2] for k in received)
     assert world.tracks["interval_s"][0] == pytest.approx(0.1, rel=0.05)
-    assert sequence_gaps == heard[-1] - heard[0] + 1 - len(heard)
+    assert sequence_gaps == received[-1] - received[0] + 1 - len(received)
 
 
 @pytest.mark.parametrize("interval_s", [0.02, 0.1, 0.6, 1.0])
 def test_interval_follows_the_sender(interval_s: float) -> None:
     world = World()
     for k in range(100):
-        hear(world, k * interval_s, 10.0 * k * interval_s, msg_cnt=k % 128)
+        receive(world, k * interval_s, 10.0 * k * interval_s, msg_cnt=k % 128)
     assert world.tracks["interval_s"][0] == pytest.approx(interval_s, rel=0.01)
 
 
-def test_a_long_silence_begins_the_odometer_anew() -> None:
+def test_a_long_gap_sets_the_odometer_to_zero() -> None:
     world = World()
-    hear(world, 0.0)
+    receive(world, 0.0)
     for k in range(1, 50):
-        assert not hear(world, k * STEP_S, k * 1.0)[3]
+        assert not receive(world, k * STEP_S, k * 1.0)[3]
     generation = world.tracks["generation"][0]
-    _, x_m, sequence_gaps, initialised = hear(world, 4.9 + 5.1, 100.0, msg_cnt=60)
+    _, x_m, sequence_gaps, initialised = receive(world, 4.9 + 5.1, 100.0, msg_cnt=60)
     assert (x_m, sequence_gaps, initialised) == (0.0, 0, True)
     assert world.tracks["generation"][0] == generation + 1
     assert world.tracks["crumb_count"][0] == 1
@@ -208,7 +210,7 @@ def test_a_clock_that_jumps_ahead_and_back_costs_its_own_readings_only() -> None
     world = World()
     for k in range(100):
         jump_s = 0.8 if k == 50 else 0.0
-        outcome = hear(world, k * STEP_S + jump_s, k * 1.0)[0]
+        outcome = receive(world, k * STEP_S + jump_s, k * 1.0)[0]
         rejected = Outcome.OUT_OF_ORDER if k < 58 else Outcome.CONTRADICTION
         assert outcome == (rejected if 50 < k <= 58 else Outcome.SCORED)
     assert world.tracks["x_m"][0] == pytest.approx(99.0, abs=1e-5)
@@ -216,7 +218,7 @@ def test_a_clock_that_jumps_ahead_and_back_costs_its_own_readings_only() -> None
 
 
 @pytest.mark.parametrize("speed", [5.0, 15.0, 30.0])
-def test_the_trail_reaches_back_150_m_in_bounded_memory(speed: float) -> None:
+def test_the_path_reaches_back_150_m_in_bounded_memory(speed: float) -> None:
     record_seconds = 200.0 / speed + 5.0
     world = World()
     drive(world, [Car(STRAIGHT, lambda t: speed * t)], record_seconds)
@@ -228,12 +230,12 @@ def test_the_trail_reaches_back_150_m_in_bounded_memory(speed: float) -> None:
     assert np.diff(x_m).min() >= CRUMB_SPACING_M - 1e-4
 
 
-def test_a_believed_leap_begins_the_trail_anew_and_keeps_the_odometer() -> None:
+def test_an_accepted_jump_clears_the_path_and_keeps_the_odometer() -> None:
     world = World()
     for k in range(100):
-        hear(world, k * STEP_S, k * 1.0)
+        receive(world, k * STEP_S, k * 1.0)
     generation = world.tracks["generation"][0]
-    _, x_m, _, initialised = hear(world, 10.0, 300.0)
+    _, x_m, _, initialised = receive(world, 10.0, 300.0)
     assert (x_m, initialised) == (pytest.approx(300.0, abs=1e-3), False)
     assert world.tracks["crumb_count"][0] == 1
     assert world.tracks["generation"][0] == generation
@@ -241,25 +243,25 @@ def test_a_believed_leap_begins_the_trail_anew_and_keeps_the_odometer() -> None:
 
 def test_a_forgotten_row_is_free_and_its_next_vehicle_has_another_serial() -> None:
     world = World()
-    hear(world, 0.0)
+    receive(world, 0.0)
     before = int(world.tracks["generation"][0])
     evict(world.tracks, ROW)
     assert world.tracks["t_us"][0] == 0
-    assert hear(world, 0.1, 500.0)[3]
+    assert receive(world, 0.1, 500.0)[3]
     assert world.tracks["generation"][0] not in (0, before)
     assert world.tracks["x_m"][0] == 0.0
 
 
 def test_length_and_accuracy_are_the_last_declared() -> None:
     world = World()
-    hear(world, 0.0)
+    receive(world, 0.0)
     assert world.tracks["length_m"][0] == DEFAULT_LENGTH_M
     assert math.isnan(world.tracks["accuracy_m"][0])
     lat, lon = lat_lon(0.0, 1.0)
     one = [np.array([value]) for value in (lat, lon, 10.0, 0.0)]
     world.advance(ROW, START_US + 100_000, *one, accuracy_m=1.5)
     assert world.tracks["accuracy_m"][0] == 1.5
-    hear(world, 0.2, 2.0)
+    receive(world, 0.2, 2.0)
     assert world.tracks["accuracy_m"][0] == 1.5
 
 

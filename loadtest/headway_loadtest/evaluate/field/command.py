@@ -15,15 +15,12 @@ from headway_loadtest.evaluate.field.attacks import ATTACKS
 from headway_loadtest.evaluate.field.experiment import FieldProtocol, run_field
 from headway_loadtest.evaluate.field.recordings import Recording, load
 from headway_loadtest.evaluate.field.report import markdown, print_report
+from headway_loadtest.evaluate.options import OptionError
 from headway_loadtest.sources.drive import SourceError
 
 BAD_INPUT = 2
 FILE_WIDTH = 200
 """Columns of the report where standard output is not a terminal."""
-
-
-class OptionError(ValueError):
-    """An option that cannot be: one line that says what is wrong and what to write instead."""
 
 
 def evaluate_field(

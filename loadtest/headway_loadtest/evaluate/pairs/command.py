@@ -13,6 +13,7 @@ from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColum
 
 from headway.core.estimation.registry import MODELS
 from headway_loadtest.evaluate.misbehaviour.experiment import run_liars
+from headway_loadtest.evaluate.options import OptionError
 from headway_loadtest.evaluate.pairs.drive import ALL, load, pair_files
 from headway_loadtest.evaluate.pairs.experiment import PairsProtocol, run_pairs
 from headway_loadtest.evaluate.pairs.report import markdown, print_report
@@ -22,10 +23,6 @@ from headway_loadtest.sources.drive import SourceError
 BAD_INPUT = 2
 DELAY_MAX_S = 5.0
 KINDS = (ALL, *(kind.label for kind in (*ALGORITHM_1, Kind.SHORT)))
-
-
-class OptionError(ValueError):
-    """An option that cannot be: one line that says what is wrong and what to write instead."""
 
 
 def evaluate_pairs(

@@ -47,7 +47,7 @@ class PairsProtocol:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class PairRun:
     """One pair before one model: what one process does at a time. `gate` None: the model's own."""
 
     pair: Pair
@@ -79,7 +79,7 @@ def run_pairs(
     """
     pairs = [load(path) for path in pair_files(paths)]
     cells = product(enumerate(pairs), protocol.models, protocol.delays_s)
-    parts = [Part(pair, which, model, delay_s, None, protocol) for (which, pair), model, delay_s in cells]
+    parts = [PairRun(pair, which, model, delay_s, None, protocol) for (which, pair), model, delay_s in cells]
     gateless = [part for part in parts if _takes_gate(part)]
     scores: dict[Cell, dict[Telling, list[Score]]] = {}
     for part in {(part.model, part.delay_s): part for part in parts}.values():
@@ -119,21 +119,21 @@ def _gate(heard: Sequence[tuple[F64, float]], budget_per_hour: float) -> float:
     return gate_for([statistic for statistic, _ in heard], sum(hours for _, hours in heard), budget_per_hour)
 
 
-def _cell(part: Part) -> Cell:
+def _cell(part: PairRun) -> Cell:
     return part.pair.group, part.model, part.delay_s
 
 
-def _model(part: Part) -> Model:
+def _model(part: PairRun) -> Model:
     config = DetectorConfig(model=part.model, delay_s=part.delay_s, alarm_budget_per_hour=part.protocol.budget_per_hour)
     model = registry.build(config)
     return model if part.gate is None else replace(model, params=model.params._replace(gate=part.gate))
 
 
-def _takes_gate(part: Part) -> bool:
+def _takes_gate(part: PairRun) -> bool:
     return "gate" in _model(part).params._fields
 
 
-def honest_statistics(part: Part) -> list[tuple[F64, float]]:
+def honest_statistics(part: PairRun) -> list[tuple[F64, float]]:
     """Return statistic and hours of each honest drive, nothing being rejected."""
     p = part.protocol
     told = stories(part.pair, part.which, (), (), p.runs, p.seed)
@@ -142,7 +142,7 @@ def honest_statistics(part: Part) -> list[tuple[F64, float]]:
     return [(judged["statistic"][warm, k].copy(), part.pair.hours) for k in range(len(told))]
 
 
-def measure(part: Part) -> list[tuple[Telling, Score]]:
+def measure(part: PairRun) -> list[tuple[Telling, Score]]:
     """Score every story of one pair before one model."""
     p = part.protocol
     told = stories(part.pair, part.which, p.severities, p.kinds, p.runs, p.seed)

@@ -10,6 +10,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
+from headway_loadtest.evaluate.options import OptionError
 from headway_loadtest.evaluate.paper.experiment import PaperResult, Protocol, run_paper
 from headway_loadtest.evaluate.paper.leader import Leader, LeaderFileError, read_leader
 from headway_loadtest.evaluate.paper.loop import Recovery
@@ -17,10 +18,6 @@ from headway_loadtest.evaluate.paper.report import markdown, print_report
 
 BAD_INPUT = 2
 JITTER_MAX_S = 1.0
-
-
-class OptionError(ValueError):
-    """An option that cannot be: one line that says what is wrong and what to write instead."""
 
 
 def evaluate_paper(

@@ -12,12 +12,12 @@ from headway.core.estimation.registry import build
 from headway.core.runtime.rows import verdicts
 from headway.core.types.config import DetectorConfig
 from headway_loadtest.evaluate.pairs.score import auc
-from headway_loadtest.evaluate.paper.follower import Corrupted
+from headway_loadtest.evaluate.paper.follower import CorruptedReadings
 
 NAME = "headway"
 
 
-def default_aucs(by_severity: Mapping[float, Corrupted], delay_s: float) -> dict[float, float]:
+def default_aucs(by_severity: Mapping[float, CorruptedReadings], delay_s: float) -> dict[float, float]:
     """Return the AUC by severity for one follower's drive, its lies of each severity judged side by side."""
     model = build(DetectorConfig(model=NAME, delay_s=delay_s))
     told = np.stack([corrupted.readings for corrupted in by_severity.values()], axis=1)

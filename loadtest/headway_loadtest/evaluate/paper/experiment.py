@@ -17,7 +17,7 @@ from scipy.stats import ttest_rel
 
 from headway_loadtest.evaluate.paper import roc
 from headway_loadtest.evaluate.paper.default_model import default_aucs
-from headway_loadtest.evaluate.paper.follower import Corrupted, Follower, corrupt, drive
+from headway_loadtest.evaluate.paper.follower import CorruptedReadings, Follower, corrupt, drive
 from headway_loadtest.evaluate.paper.leader import SAMPLES_MIN, Leader
 from headway_loadtest.evaluate.paper.loop import History, Recovery, params, run
 from headway_loadtest.sources.drive import F64
@@ -157,7 +157,7 @@ class PaperResult:
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class SeedRun:
     """What one seed shows at one delay."""
 
     delay_s: float
@@ -182,7 +182,7 @@ def run_paper(leader: Leader, protocol: Protocol, processes: int = 1, progress: 
 Task = tuple[Leader, Protocol, float, int]
 
 
-def _map(tasks: Sequence[Task], processes: int) -> Iterator[Part]:
+def _map(tasks: Sequence[Task], processes: int) -> Iterator[SeedRun]:
     if processes == 1:
         yield from map(_part, tasks)
         return
@@ -206,7 +206,7 @@ def _compile(task: Task) -> None:
         run(model, params(model, delay_s), follower, follower.readings, protocol.recovery, protocol.history)
 
 
-def _part(task: Task) -> Part:
+def _part(task: Task) -> SeedRun:
     leader, protocol, delay_s, seed = task
     follower = drive(leader, delay_s, protocol.delay_jitter_s, seed)
     by_severity = {severity: corrupt(follower, severity, seed) for severity in SEVERITIES}
@@ -216,10 +216,10 @@ def _part(task: Task) -> Part:
         for severity, corrupted in by_severity.items()
     }
     clean = {model: _clean(model, delay_s, protocol, follower) for model in MODELS}
-    return Part(delay_s, rocs, clean, default_aucs(by_severity, delay_s))
+    return SeedRun(delay_s, rocs, clean, default_aucs(by_severity, delay_s))
 
 
-def _roc(model: str, delay_s: float, protocol: Protocol, follower: Follower, corrupted: Corrupted) -> roc.Roc:
+def _roc(model: str, delay_s: float, protocol: Protocol, follower: Follower, corrupted: CorruptedReadings) -> roc.Roc:
     p = params(model, delay_s, protocol.delay_jitter_s)
 
     def judged(gate: float) -> Any:
@@ -237,7 +237,7 @@ def _clean(model: str, delay_s: float, protocol: Protocol, follower: Follower) -
     return float(innovation_m), float(innovation_mps), sqrt(mse), float(judged["repaired"].mean())
 
 
-def _collect(protocol: Protocol, samples: int, parts: Iterable[Part]) -> PaperResult:
+def _collect(protocol: Protocol, samples: int, parts: Iterable[SeedRun]) -> PaperResult:
     rocs: dict[Cell, list[roc.Roc]] = {cell: [] for cell in product(MODELS, DELAYS_S, SEVERITIES)}
     clean: dict[tuple[str, float], list[CleanNumbers]] = {cell: [] for cell in product(MODELS, DELAYS_S)}
     default: dict[tuple[float, float], list[float]] = {cell: [] for cell in product(DELAYS_S, SEVERITIES)}

@@ -9,7 +9,7 @@ from matplotlib.patches import Circle
 
 from headway.core.types.records import Records
 from headway_loadtest.evaluate.paper.experiment import CURVE_FPR, DELAYS_S, MODELS, SEVERITIES, PaperResult, Protocol
-from headway_loadtest.evaluate.paper.follower import Corrupted, Follower, corrupt, drive
+from headway_loadtest.evaluate.paper.follower import CorruptedReadings, Follower, corrupt, drive
 from headway_loadtest.evaluate.paper.leader import Leader
 from headway_loadtest.evaluate.paper.loop import params, run
 from headway_loadtest.evaluate.paper.roc import Bools
@@ -95,7 +95,7 @@ def run_figure(leader: Leader, protocol: Protocol, model: str = "aekf") -> Figur
     return figure
 
 
-def _judged(model: str, protocol: Protocol, follower: Follower, corrupted: Corrupted) -> Records:
+def _judged(model: str, protocol: Protocol, follower: Follower, corrupted: CorruptedReadings) -> Records:
     p = params(model, DELAY_S, protocol.delay_jitter_s)._replace(gate=GATE)
     return run(model, p, follower, corrupted.readings, protocol.recovery, protocol.history)
 

@@ -36,7 +36,7 @@ class Follower:
 
 
 @dataclass(frozen=True, slots=True)
-class Corrupted:
+class CorruptedReadings:
     """Readings with anomalies in them, (n,), and which rows have one in either sensor."""
 
     readings: Records
@@ -59,7 +59,7 @@ def drive(leader: Leader, delay_s: float, delay_jitter_s: float, seed: int) -> F
     return Follower(x_m, v_mps, made)
 
 
-def corrupt(follower: Follower, severity: float, seed: int) -> Corrupted:
+def corrupt(follower: Follower, severity: float, seed: int) -> CorruptedReadings:
     """Inject Algorithm 1 with variance `severity`; equal seeds place equal events, whatever the severity.
 
     A short drive on which nothing happens is drawn again: it has no ROC.
@@ -71,7 +71,7 @@ def corrupt(follower: Follower, severity: float, seed: int) -> Corrupted:
         lies = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
     made = clean.copy()
     made["x_m"], made["v_mps"] = lies.x_m, lies.v_mps
-    return Corrupted(made, lies.anomalous)
+    return CorruptedReadings(made, lies.anomalous)
 
 
 @njit(cache=True, error_model="numpy")

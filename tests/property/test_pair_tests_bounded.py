@@ -1,4 +1,4 @@
-"""Whatever is told, the link tests say finite things and keep a finite state."""
+"""Whatever is reported, the pair tests give finite results and keep a finite state."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -18,7 +18,7 @@ def finite(record: np.ndarray) -> bool:
     return all(finite(record[name]) for name in dtype.names)
 
 
-def told(rng: np.random.Generator, n: int, wild: float) -> np.ndarray:
+def reported(rng: np.random.Generator, n: int, wild: float) -> np.ndarray:
     """READING (n, 2): random walks that now and then leap, uneven times, sensors and leaders that come and go."""
     readings = np.zeros((n, 2), READING)
     t_s = 1.6e9 + np.cumsum(rng.choice([0.05, 0.1, 0.1, 0.1, 0.6, 3.0], n))
@@ -41,7 +41,7 @@ def told(rng: np.random.Generator, n: int, wild: float) -> np.ndarray:
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(0.0, 1e6))
 def test_state_and_verdicts_stay_finite(seed: int, wild: float) -> None:
-    readings = told(np.random.default_rng(seed), 600, wild)
+    readings = reported(np.random.default_rng(seed), 600, wild)
     pair_tests, verdicts = np.zeros(2, PAIR_TESTS), np.zeros(2, PAIR_TEST_VERDICT)
     for k in range(readings.shape[0]):
         step_pair_tests(pair_tests, ROWS, LEADERS, readings[k], P, verdicts)

@@ -1,5 +1,5 @@
-"""Three cars that name their leader and measure the range to it: single readings are false, and later one car lies in
-a way that agrees with itself, so that both the filter and the tests between two cars have something to say."""
+"""Three vehicles that declare their leader and its range: single readings are faulty, and later one vehicle has a
+self-consistent fault, so both the filter and the pair tests raise events."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -13,7 +13,7 @@ CONSISTENT_FROM_S = 16.0
 
 
 class Instant(NamedTuple):
-    """What the three cars send, in the order of NAMES."""
+    """The messages of the three vehicles, in the order of NAMES."""
 
     k: int
     t_us: int
@@ -24,7 +24,7 @@ class Instant(NamedTuple):
 
 
 def drive(seed: int, seconds: float = 24.0) -> Iterator[Instant]:
-    """Yield a tenth of a second after the other; some are lost."""
+    """Yield the instants, 0.1 s apart; some are lost."""
     rng = np.random.default_rng(seed)
     cars = len(NAMES)
     for k in range(round(seconds * 10)):
