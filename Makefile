@@ -2,7 +2,7 @@
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 
-.PHONY: help venv demo test check check-deploy bench soak faults performance browser format clean
+.PHONY: help venv demo test check check-deploy bench soak faults performance browser wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -11,8 +11,9 @@ venv: .venv/made  ## .venv with everything
 
 .venv/made: pyproject.toml constraints.txt
 	$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "headway needs Python 3.11 or newer: make venv PYTHON=/path/to/python3.11")'
+	@echo 'Making .venv with what headway needs to run, to be checked and to be tested (some 100 packages, 1.5 GB; minutes).'
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
 	@touch $@
 
 demo: venv  ## service and replay in one go, no router needed
@@ -51,6 +52,13 @@ performance: venv  ## load tests from few to many vehicles, and their picture in
 browser: venv  ## the dashboard in a real browser (Debian: apt-get install chromium)
 	@command -v chromium google-chrome >/dev/null || { echo 'make browser needs Chromium: apt-get install chromium'; exit 1; }
 	$(BIN)/python -m pytest tests/browser -m browser
+
+wheel: venv  ## the built wheel in an empty environment: the demo from there
+	rm -rf dist build/wheel
+	$(BIN)/python -m build
+	$(PYTHON) -m venv build/wheel
+	build/wheel/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
+	cd build && wheel/bin/headway demo --seconds 20
 
 format: venv  ## rewrite in the house format
 	$(BIN)/ruff check --fix .

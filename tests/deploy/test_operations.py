@@ -107,7 +107,7 @@ def test_every_reason_for_not_telling_is_explained() -> None:
     bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), ReceiveQueue(1, 1, 1, len))
     dropped = set(bus.dropped)
     bus.close()
-    assert set(names("What is not told")) == dropped | {"rejected_copy_rate"}
+    assert set(names("What is not published")) == dropped | {"rejected_copy_rate"}
 
 
 def test_every_rule_has_what_to_do() -> None:

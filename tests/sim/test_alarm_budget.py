@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from loadtest.sources.spmd_sample import write_sample
 
 from headway.core.engine import Engine
 from headway.core.types.batch import Batch
@@ -11,7 +12,6 @@ from headway.core.types.records import Kind as EventKind
 from headway.core.types.step_result import Phase
 from headway_loadtest.inject.faults import Kind, Spec
 from headway_loadtest.sources import parse_sources
-from headway_loadtest.sources.sample import write_sample
 from headway_loadtest.traffic.fleet import FleetFrames
 from headway_loadtest.traffic.frames import Frame, SceneFrames
 

@@ -1,14 +1,14 @@
-"""Sources of drives: SPMD folders, pair files, or a synthetic fleet, named on the command line."""
+"""Sources of drives: SPMD folders, pair files, or a synthetic fleet, named on the command line.
+
+Readers of recorded drives are imported when a word asks for them: they need polars, and a synthetic fleet does not.
+"""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-from headway_loadtest.sources.bsm_p1 import BsmP1
 from headway_loadtest.sources.drive import Scene, SourceError
-from headway_loadtest.sources.pairs import Pairs
-from headway_loadtest.sources.spmd import SpmdTrips
 from headway_loadtest.sources.synthetic import SyntheticDrives
 
 SYNTHETIC = "synthetic:"
@@ -58,6 +58,8 @@ def parse_sources(words: Sequence[str], *, seconds: float, seed: int) -> Source:
         else:
             pair_files.append(path)
     if pair_files:
+        from headway_loadtest.sources.pairs import Pairs
+
         parts.append(Pairs(pair_files))
     return Source(parts)
 
@@ -73,7 +75,11 @@ def _folder(folder: Path) -> list[Iterable[Scene]]:
 
 def _table(path: Path) -> Iterable[Scene]:
     if MESSAGES_TABLE in path.name:
+        from headway_loadtest.sources.bsm_p1 import BsmP1
+
         return BsmP1(path)
+    from headway_loadtest.sources.spmd import SpmdTrips
+
     targets = path.with_name(path.name.replace(HOST_TABLE, TARGETS_TABLE))
     return SpmdTrips(path, targets if targets.is_file() else None)
 

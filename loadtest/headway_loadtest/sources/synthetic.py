@@ -12,12 +12,12 @@ moderate rate. Sensor noise is that of real receivers: 0.008 m per reading betwe
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from headway_loadtest.sources.drive import F64, I64, Drive, Scene
+from headway_loadtest.sources.drive import F64, I64, Ahead, Drive, Scene
 from headway_loadtest.sources.road import radii_m
 
 STEP_MS = 100
@@ -195,6 +195,32 @@ class SyntheticDrives:
     def __iter__(self) -> Iterator[Scene]:
         for first in range(0, self.vehicles, PLATOON):
             yield drives(min(PLATOON, self.vehicles - first), self.seconds, self.seed, first=first)
+
+
+@dataclass(frozen=True, slots=True)
+class SyntheticPairs:
+    """Pairs out of platoons of three: the last car, with a forward sensor, and the car that it follows."""
+
+    pairs: int
+    seconds: float
+    seed: int
+
+    def __iter__(self) -> Iterator[Scene]:
+        for first in range(0, self.pairs * PLATOON, PLATOON):
+            _, leader, host = drives(3, self.seconds, self.seed, first=first)
+            yield replace(host, ahead=_seen(host, leader)), leader
+
+
+def _seen(host: Drive, leader: Drive) -> Ahead:
+    """Return what the forward sensor reads: the leader as it is when the host sends."""
+    x_m = np.interp(host.t_s, leader.t_s, leader.x_m)
+    v_mps = np.interp(host.t_s, leader.t_s, leader.speed_mps)
+    return Ahead(
+        ids=(leader.vehicle,),
+        which=np.zeros(len(host.t_s), np.int64),
+        range_m=x_m - host.x_m - (leader.length_m or 0.0),
+        range_rate_mps=v_mps - host.speed_mps,
+    )
 
 
 def drives(n: int, seconds: float, seed: int, *, first: int = 0, window_ms: tuple[int, int] = (0, STEP_MS)) -> Scene:

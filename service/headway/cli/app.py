@@ -1,7 +1,7 @@
 """The command line: registers the commands, each a file beside this one."""
 
 import sys
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -22,14 +22,30 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+EXTRAS: Final = {
+    "matplotlib": "plots",
+    "polars": "recordings",
+    "starlette": "dashboard",
+    "uvicorn": "dashboard",
+    "zstandard": "recordings",
+}
+"""Packages that not every command needs, and the extra that brings each."""
+
 
 def main() -> None:
     """Run the command line; end with status 2 and one line when the user can mend it."""
     try:
         app()
     except UserError as error:
-        sys.stderr.write(f"headway: {error}\n")
-        sys.exit(2)
+        problem = str(error)
+    except ModuleNotFoundError as error:
+        if error.name not in EXTRAS:
+            raise
+        problem = f"this needs {error.name}: pip install 'headway[{EXTRAS[error.name]}]'"
+    else:
+        return
+    sys.stderr.write(f"headway: {problem}\n")
+    sys.exit(2)
 
 
 def _show_version(wanted: bool) -> None:

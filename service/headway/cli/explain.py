@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from headway.cli.options import AsJson, ConfigFile, JournalFile, Site
-from headway.errors import UserError
 
 
 def explain(
@@ -38,10 +37,8 @@ def explain(
         stored = alerts.in_journal(event_id, alerts.journal_file(journal, config))
     explained = [again.replayed(event) for event in stored]
     if plot is not None:
-        try:
-            from headway.explain.plot import draw
-        except ModuleNotFoundError as error:
-            raise UserError(f"--plot needs {error.name}: pip install 'headway[plots]'") from None
+        from headway.explain.plot import draw
+
         draw(explained, plot)
     if as_json:
         typer.echo(json.dumps(again.to_json(explained)))

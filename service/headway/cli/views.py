@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from headway.cli.options import ConfigFile, Connect, Sites, ZenohConfig
-from headway.errors import UserError
 
 
 def watch(
@@ -47,11 +46,8 @@ def dashboard(
 
     Example: headway dashboard --port 8081 --connect tcp/10.0.0.1:7447
     """
-    try:
-        from headway.dashboard import server
-    except ModuleNotFoundError as error:
-        raise UserError(f"the page needs {error.name}: pip install 'headway[dashboard]'") from None
     from headway.cli.run.bus import bus_access
+    from headway.dashboard import server
 
     bus = bus_access(config, connect, zenoh_config)
     server.serve(

@@ -1,7 +1,7 @@
 import numpy as np
+from loadtest.sources.spmd_sample import HOST_FILE, TARGETS_FILE, write_sample
 
 from headway_loadtest.sources import parse_sources
-from headway_loadtest.sources.sample import HOST_FILE, TARGETS_FILE, write_sample
 from headway_loadtest.sources.synthetic import PLATOON, drives
 
 

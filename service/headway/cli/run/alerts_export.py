@@ -87,10 +87,8 @@ def flat(told: bytes) -> dict[str, Any]:
 
 def write_parquet(told: Iterable[bytes], to: IO[bytes]) -> int:
     """Write the flat columns of each, the evidence left out; return how many."""
-    try:
-        import polars as pl
-    except ModuleNotFoundError:
-        raise UserError("parquet needs polars: pip install 'headway[parquet]'") from None
+    import polars as pl
+
     table = pl.DataFrame([flat(one) for one in told], infer_schema_length=None)
     table.write_parquet(to)
     return table.height

@@ -1,7 +1,6 @@
-"""A service of its own and a replay to it: sample drives with anomalies put in, and what was found of them."""
+"""A service of its own and a replay to it: synthetic pairs with injected faults, and what was found of them."""
 
 import json
-import tempfile
 from pathlib import Path
 
 import typer
@@ -12,8 +11,7 @@ from headway.cli.run.service_process import PREFIX, running_service
 from headway_loadtest import run as runs
 from headway_loadtest.inject.faults import ALGORITHM_1, Kind, Spec
 from headway_loadtest.measure.report import Targets, show, to_json
-from headway_loadtest.sources import parse_sources
-from headway_loadtest.sources.sample import write_sample
+from headway_loadtest.sources.synthetic import SyntheticPairs
 from headway_loadtest.traffic.frames import SceneFrames
 from headway_loadtest.traffic.session import connect
 from headway_schemas.keys import Keys
@@ -23,12 +21,10 @@ DEMO_INJECTION = Spec(c=1.0, p=0.003, share=0.4, kinds=(*ALGORITHM_1, Kind.SHORT
 
 
 def demo(*, pairs: int, seconds: float, config: Path | None, as_json: bool) -> None:
-    """Service and replay in one go: a sample in the SPMD format, with anomalies put in, and what was found of them."""
+    """Service and replay in one go: synthetic pairs with injected faults, and what was found of them."""
     console = Console(stderr=as_json)
-    with in_one_line(), tempfile.TemporaryDirectory() as folder:
-        write_sample(Path(folder), pairs=pairs, seconds=seconds)
-        source = parse_sources([folder], seconds=seconds, seed=DEMO_SEED)
-        frames = SceneFrames(source, seed=DEMO_SEED, inject=DEMO_INJECTION)
+    with in_one_line():
+        frames = SceneFrames(SyntheticPairs(pairs, seconds, DEMO_SEED), seed=DEMO_SEED, inject=DEMO_INJECTION)
         console.print("Starting the service (its first start compiles the filters, which takes a minute).")
         with (
             running_service({"site": "demo"}, config) as service,

@@ -1,4 +1,4 @@
-"""A sample of drives in the format of the public SPMD files, made by the project itself: the same files for a seed.
+"""Drives in the format of the public SPMD files: the same files for a seed.
 
 Each trip is one host behind one leader, both out of the synthetic fleet. The host's radar also sees what is not ahead
 of it (the next lane, a pedestrian), and in one trip of four it loses the leader for a while and finds it again under
