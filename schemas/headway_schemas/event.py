@@ -156,6 +156,12 @@ class Event(Message):
     latency_us: Annotated[dict[Stage, int], Field(default_factory=dict)]
     model: str
     config_hash: str
+    instance: Id | None = None
+    """The publisher. With `sequence` it names this update."""
+    sequence: Annotated[int, Field(ge=1)] | None = None
+    """Counts the updates of an instance without a gap; a subscriber that sees a gap asks the history."""
+    count: Annotated[int, Field(ge=1)] = 1
+    """Anomalies that this event stands for; above 1 where a suspect has so many that they are summarised."""
     confidence: Share = None
     """Probability of the diagnosed kind and sensor."""
     etsi_target: EtsiTarget | None = None

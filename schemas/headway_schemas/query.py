@@ -35,6 +35,10 @@ class AlertsQuery(Message):
     """Suspect, follower or leader."""
     event: EventId | None = None
     """Every update of this `event_id`."""
+    instance: Id | None = None
+    """Published by this instance."""
+    after_sequence: Annotated[int, Field(ge=0)] | None = None
+    """Of a higher `sequence`: what a subscriber has not received."""
     limit: Annotated[int, Field(ge=1, le=LIMIT_MAX)] = 100
     evidence: bool = False
     """Whether the evidence comes along; a list is lighter without."""

@@ -19,7 +19,7 @@ from rich.table import Table
 from headway.cli.run.bus import BusAccess
 from headway.client import BusFeed
 from headway.edge.storage import journal_query
-from headway.edge.storage.journal import reason_of
+from headway.edge.storage.journal_format import reason_of
 from headway.edge.storage.persistence import JOURNAL_FILE
 from headway.errors import UserError
 from headway.settings import load

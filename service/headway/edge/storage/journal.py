@@ -1,88 +1,67 @@
-"""Every event update on disk, in SQLite: one thread writes, any number of others read at the same time.
+"""Event updates on disk, in SQLite: one thread writes, any number of others read at the same time.
 
 The journal never decides whether an alert is published. What cannot be written is published and counted.
+
+An event has at most three rows: its onset, its newest update and its end. The evidence is stored once, with the onset.
+When the file is too large, the oldest evidence goes first, then the details of the oldest events that have ended, and
+only then whole events.
 """
 
 import sqlite3
-from collections.abc import Sequence
+import zlib
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from enum import StrEnum, unique
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
-from headway_schemas.event import Event
+import structlog
 
-FORMAT: Final = 1
-"""`user_version` of the file."""
+from headway.edge.storage.journal_format import (
+    COLUMNS,
+    FORMAT,
+    BRIEF,
+    INSERT,
+    LOCK_S,
+    WHOLE,
+    HeldOpenError,
+    OtherFormatError,
+    Reason,
+    StoredRow,
+    move_aside,
+    number,
+    prepare,
+    reason_of,
+    require_format,
+)
+from headway_schemas.event import Event, Phase
+
 PRUNE_AT_ONCE: Final = 200
-"""Event updates that one step of pruning deletes: a few milliseconds."""
+"""Rows that one step of pruning changes: a few milliseconds."""
 
 _VACUUM_PAGES: Final = 1_024
 """Free pages in the file above which some are returned to the disk, and how many at a time."""
-_WAL_BYTES: Final = 16 << 20
-LOCK_S: Final = 5.0
-"""How long to wait while another process writes."""
-
-_SCHEMA: Final = """
-CREATE TABLE configs (id INTEGER PRIMARY KEY, config_hash TEXT NOT NULL, parameters BLOB NOT NULL UNIQUE);
-CREATE TABLE statements (
-    id INTEGER PRIMARY KEY,
-    site TEXT NOT NULL, detected_us INTEGER NOT NULL, event_id TEXT NOT NULL, phase TEXT NOT NULL, kind TEXT NOT NULL,
-    suspect TEXT NOT NULL, follower TEXT NOT NULL, leader TEXT,
-    told BLOB NOT NULL,
-    evidence BLOB,
-    config INTEGER REFERENCES configs
-);
-CREATE INDEX by_time ON statements (detected_us);
-CREATE INDEX by_event ON statements (event_id);
-"""
-"""Format 1, whose names stay: a row of `statements` is an event update. `told` is its JSON up to the evidence,
-`evidence` that of the evidence up to its parameters."""
-
-_INSERT: Final = (
-    "INSERT INTO statements"
-    " (site, detected_us, event_id, phase, kind, suspect, follower, leader, told, evidence, config)"
-    " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)"
+_WHOLE_BYTES: Final = 40_000
+"""A row keeps evidence and details while at most one row follows it for each of these bytes of the limit: a quarter
+of the journal at 10 kB an event."""
+_REDUCTIONS: Final = (
+    """DELETE FROM evidence WHERE update_id IN
+       (SELECT update_id FROM evidence WHERE update_id <= :whole ORDER BY update_id LIMIT :limit)""",
+    """DELETE FROM updates WHERE id IN
+       (SELECT u.id FROM updates u JOIN updates c ON c.event_id = u.event_id AND c.phase = 'cleared'
+        WHERE u.phase <> 'cleared' AND u.id <= :whole ORDER BY u.id LIMIT :limit)""",
+    """UPDATE updates SET event = NULL WHERE id IN
+       (SELECT id FROM updates WHERE event NOT NULL AND id <= :whole ORDER BY id LIMIT :limit)""",
+    "DELETE FROM updates WHERE id IN (SELECT id FROM updates ORDER BY id LIMIT :limit)",
 )
+"""What goes when the journal is too large, least missed first; `whole` is the newest row that may lose anything."""
 
+_UNPUBLISHED: Final = """SELECT id FROM updates WHERE site = ? AND instance = ? AND id >
+    coalesce((SELECT update_id FROM published WHERE site = ? AND instance = ?), 0)"""
+_OPEN_EVENTS: Final = """SELECT max(id) FROM updates WHERE site = ? AND instance = ?
+    GROUP BY event_id HAVING sum(phase = 'cleared') = 0"""
 
-@unique
-class Reason(StrEnum):
-    """Why an event update is not in the journal."""
-
-    DISK_FULL = "disk_full"
-    LOCKED = "locked"
-    CORRUPT = "corrupt"
-    NO_ACCESS = "no_access"
-    OTHER_FORMAT = "other_format"
-    IO_ERROR = "io_error"
-    QUEUE_FULL = "queue_full"
-    """The disk was too slow for too long."""
-
-
-_REASONS: Final = {
-    sqlite3.SQLITE_FULL: Reason.DISK_FULL,
-    sqlite3.SQLITE_BUSY: Reason.LOCKED,
-    sqlite3.SQLITE_LOCKED: Reason.LOCKED,
-    sqlite3.SQLITE_CORRUPT: Reason.CORRUPT,
-    sqlite3.SQLITE_NOTADB: Reason.CORRUPT,
-    sqlite3.SQLITE_CANTOPEN: Reason.NO_ACCESS,
-    sqlite3.SQLITE_READONLY: Reason.NO_ACCESS,
-    sqlite3.SQLITE_PERM: Reason.NO_ACCESS,
-}
-
-
-class OtherFormatError(sqlite3.DatabaseError):
-    """The file is of another version of headway, or no journal at all."""
-
-
-def reason_of(error: Exception) -> Reason:
-    """Return the reason for an error of SQLite or of the system."""
-    if isinstance(error, OtherFormatError):
-        return Reason.OTHER_FORMAT
-    if isinstance(error, sqlite3.Error):
-        return _REASONS.get(getattr(error, "sqlite_errorcode", 0) & 0xFF, Reason.IO_ERROR)
-    return Reason.NO_ACCESS
+_log: Final = structlog.get_logger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,6 +73,20 @@ class EventUpdate:
     payload: bytes
 
 
+@dataclass(frozen=True, slots=True)
+class Resumed:
+    """What the process before this one left in the journal."""
+
+    newest_us: int = 0
+    """Time of the newest update of all; 0: none."""
+    sequence: int = 0
+    """Highest sequence number; 0: none."""
+    unpublished: tuple[Event, ...] = ()
+    """Updates that were written and perhaps not published, oldest first."""
+    open_events: tuple[Event, ...] = ()
+    """The newest update of each event that has no end, oldest first."""
+
+
 class Journal:
     """The writing end, for one thread. It opens the file at the first use, and again after a failure.
 
@@ -101,50 +94,96 @@ class Journal:
     ----------
     path
         The file; a missing folder is created.
+    site, instance
+        The publisher of the updates. Others may write to the same file.
     days
         Updates older than this are pruned.
     megabytes
-        The oldest updates are pruned when the file is larger than this.
+        Largest size of the content. The write-ahead log beside it is at most as large again.
     """
 
-    def __init__(self, path: Path, *, days: float, megabytes: float) -> None:
+    def __init__(self, path: Path, *, site: str, instance: str, days: float, megabytes: float) -> None:
         self._path = path
+        self._publisher = site, instance
+        self._wal = path.with_name(path.name + "-wal")
         self._days = days
         self._bytes_limit = int(megabytes * 1e6)
         self._db: sqlite3.Connection | None = None
-        self._config_ids: dict[bytes, int] = {}
+        self._inode = 0
+        self._config_ids: dict[str, int] = {}
         self.used_bytes = 0
-        """Size of the content, as of the last step of pruning."""
+        """Size of the content and of the write-ahead log, as of the last step of pruning."""
 
-    def write(self, updates: Sequence[EventUpdate]) -> None:
-        """Write all of them, or none. Raises `sqlite3.Error` or `OSError`."""
-        try:
+    def write(self, updates: Sequence[EventUpdate]) -> int:
+        """Write all of them, or none; return the id of the last row. Raises `sqlite3.Error` or `OSError`."""
+        with self._recovering():
             db = self._opened()
+            self._bound_wal(db)
             db.execute("BEGIN IMMEDIATE")
-            db.executemany(_INSERT, [self._row(db, update) for update in updates])
+            last = 0
+            for update in updates:
+                last = self._write(db, update)
             db.execute("COMMIT")
-        except sqlite3.Error:
-            self.close()
-            raise
+        return last
+
+    def mark_published(self, row: int) -> None:
+        """Note that all updates up to a row are on the bus. Raises `sqlite3.Error` or `OSError`."""
+        with self._recovering():
+            self._opened().execute("INSERT OR REPLACE INTO published VALUES (?, ?, ?)", (*self._publisher, row))
 
     def prune(self, now_us: int) -> int:
-        """Delete some updates that are too old or too many; return how many. Raises `sqlite3.Error` or `OSError`."""
-        try:
+        """Delete or reduce some updates that are too old or too many; return how many rows changed.
+
+        Raises `sqlite3.Error` or `OSError`.
+        """
+        with self._recovering():
             db = self._opened()
             page_bytes, pages, free = (
                 number(db, f"PRAGMA {name}") for name in ("page_size", "page_count", "freelist_count")
             )
-            self.used_bytes = page_bytes * (pages - free)
-            oldest_us = now_us - int(self._days * 86_400e6)
-            aged = " WHERE detected_us < ?" if self.used_bytes <= self._bytes_limit else " WHERE ? NOT NULL"
-            oldest = f"SELECT id FROM statements{aged} ORDER BY detected_us LIMIT {PRUNE_AT_ONCE}"  # noqa: S608
-            pruned = db.execute(f"DELETE FROM statements WHERE id IN ({oldest})", (oldest_us,)).rowcount  # noqa: S608
+            content = page_bytes * (pages - free)
+            self.used_bytes = content + self._wal_bytes
+            pruned = _delete_before(db, now_us - int(self._days * 86_400e6))
+            if not pruned and content > self._bytes_limit:
+                pruned = self._reduce(db)
             if free > _VACUUM_PAGES:
                 db.execute(f"PRAGMA incremental_vacuum({_VACUUM_PAGES})").fetchall()
-        except sqlite3.Error:
-            self.close()
-            raise
         return pruned
+
+    def check(self) -> bool:
+        """Find out whether the file is there and can be read; return False when a new one had to be made.
+
+        Raises `sqlite3.Error` or `OSError`; a damaged file has been moved aside then.
+        """
+        is_same = self._db is None or self._is_same_file()
+        if not is_same:
+            self.close()
+        with self._recovering():
+            db = self._opened()
+            db.execute("SELECT event FROM updates ORDER BY id DESC LIMIT 1").fetchall()
+            with closing(sqlite3.connect(f"{self._path.absolute().as_uri()}?mode=ro", uri=True)) as fresh:
+                require_format(fresh)
+        return is_same
+
+    def check_content(self) -> None:
+        """Read the whole file; a damaged one is moved aside. Raises `sqlite3.Error` or `OSError`."""
+        with self._recovering():
+            [(found,)] = self._opened().execute("PRAGMA quick_check(1)").fetchall()
+            if found != "ok":
+                error = sqlite3.DatabaseError(str(found))
+                error.sqlite_errorcode = sqlite3.SQLITE_CORRUPT
+                raise error
+
+    def resume(self) -> Resumed:
+        """Return what the process before this one left. Raises `sqlite3.Error` or `OSError`."""
+        with self._recovering():
+            db, of = self._opened(), self._publisher
+            return Resumed(
+                newest_us=number(db, "SELECT max(detected_us) FROM updates"),
+                sequence=number(db, "SELECT max(sequence) FROM updates WHERE site = ? AND instance = ?", *of),
+                unpublished=_events(db, f"{WHOLE} WHERE updates.id IN ({_UNPUBLISHED}) ORDER BY updates.id", of + of),
+                open_events=_events(db, f"{BRIEF} WHERE id IN ({_OPEN_EVENTS}) ORDER BY id", of),
+            )
 
     def close(self) -> None:
         """Close the file; what was not committed is undone."""
@@ -155,38 +194,77 @@ class Journal:
 
     def _opened(self) -> sqlite3.Connection:
         if self._db is None:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
+            self._path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            self._path.touch(mode=0o600)
             db = sqlite3.connect(self._path, timeout=LOCK_S, isolation_level=None, check_same_thread=False)
             try:
-                _prepare(db)
+                prepare(db)
             except sqlite3.Error:
                 db.close()
                 raise
             self._db = db
+            self._inode = self._path.stat().st_ino
         return self._db
 
-    def _row(self, db: sqlite3.Connection, update: EventUpdate) -> tuple[Any, ...]:
-        event = update.event
-        told, _, evidence = update.payload.partition(b',"evidence":')
-        config = None
-        if event.evidence is not None:
-            evidence, _, parameters = evidence.rpartition(b',"parameters":')
-            config = self._config_id(db, event.config_hash, parameters[:-2])
-        return (
-            event.site,
-            event.detected_us,
-            event.event_id,
-            event.phase,
-            event.kind,
-            event.suspect,
-            event.follower,
-            event.leader,
-            told,
-            evidence if config is not None else None,
-            config,
-        )
+    @contextmanager
+    def _recovering(self) -> Iterator[None]:
+        """Close the file after an error; move a damaged file, and one of the format before this, aside."""
+        try:
+            yield
+        except sqlite3.Error as error:
+            self.close()
+            ending = "damaged" if reason_of(error) is Reason.CORRUPT else None
+            if isinstance(error, OtherFormatError) and 0 < error.found < FORMAT:
+                ending = f"format-{error.found}"
+            if ending is not None:
+                aside = move_aside(self._path, ending)
+                _log.error("journal cannot be used; a new one is begun", error=str(error), moved_to=str(aside))
+            raise
 
-    def _config_id(self, db: sqlite3.Connection, config_hash: str, parameters: bytes) -> int:
+    def _is_same_file(self) -> bool:
+        try:
+            return self._path.stat().st_ino == self._inode
+        except FileNotFoundError:
+            return False
+
+    @property
+    def _wal_bytes(self) -> int:
+        try:
+            return self._wal.stat().st_size
+        except OSError:
+            return 0
+
+    def _reduce(self, db: sqlite3.Connection) -> int:
+        newest = number(db, "SELECT coalesce(max(id), 0) FROM updates")
+        place = {"whole": newest - self._bytes_limit // _WHOLE_BYTES, "limit": PRUNE_AT_ONCE}
+        return next((changed for sql in _REDUCTIONS if (changed := db.execute(sql, place).rowcount)), 0)
+
+    def _bound_wal(self, db: sqlite3.Connection) -> None:
+        """Cut the write-ahead log back when it is as large as the journal may be; raise when a reader forbids it."""
+        if self._wal_bytes > self._bytes_limit // 2:
+            db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            if self._wal_bytes > self._bytes_limit // 2:
+                raise HeldOpenError("another process holds the journal open for reading")
+
+    def _write(self, db: sqlite3.Connection, update: EventUpdate) -> int:
+        event = update.event
+        if event.phase is not Phase.ONSET:
+            replaced = "DELETE FROM updates WHERE event_id = ? AND site = ? AND phase = 'update'"
+            db.execute(replaced, (event.event_id, event.site))
+        text, _, evidence = update.payload.decode().partition(',"evidence":')
+        columns = [getattr(event, name) for name in COLUMNS]
+        row = db.execute(INSERT, [*columns, text + "}"]).lastrowid
+        assert row is not None
+        if event.evidence is not None:
+            readings, _, rest = evidence.partition(',"checkpoint":')
+            _, _, parameters = rest.partition(',"parameters":')
+            checkpoint = event.evidence.checkpoint
+            packed = None if checkpoint is None else zlib.compress(checkpoint, 1)
+            config = self._config_id(db, event.config_hash, parameters[:-2])
+            db.execute("INSERT INTO evidence VALUES (?, ?, ?, ?)", (row, readings + "}", packed, config))
+        return row
+
+    def _config_id(self, db: sqlite3.Connection, config_hash: str, parameters: str) -> int:
         if parameters not in self._config_ids:
             db.execute(
                 "INSERT OR IGNORE INTO configs (config_hash, parameters) VALUES (?, ?)", (config_hash, parameters)
@@ -196,24 +274,14 @@ class Journal:
         return self._config_ids[parameters]
 
 
-def _prepare(db: sqlite3.Connection) -> None:
-    """Make a journal of an empty file, and refuse a file of another format."""
-    if number(db, "PRAGMA user_version") == 0 and number(db, "SELECT count(*) FROM sqlite_schema") == 0:
-        db.execute("PRAGMA auto_vacuum = INCREMENTAL")
-        db.executescript(f"BEGIN IMMEDIATE;{_SCHEMA};PRAGMA user_version = {FORMAT};COMMIT")
-    require_format(db)
-    db.execute("PRAGMA journal_mode = WAL")
-    db.execute("PRAGMA synchronous = NORMAL")
-    db.execute(f"PRAGMA journal_size_limit = {_WAL_BYTES}")
+def _delete_before(db: sqlite3.Connection, oldest_us: int) -> int:
+    """Delete the oldest updates that were detected before an instant, with their evidence; return how many."""
+    aged = "SELECT id FROM updates WHERE detected_us < ? ORDER BY detected_us LIMIT ?"
+    db.execute(f"DELETE FROM evidence WHERE update_id IN ({aged})", (oldest_us, PRUNE_AT_ONCE))  # noqa: S608
+    return db.execute(f"DELETE FROM updates WHERE id IN ({aged})", (oldest_us, PRUNE_AT_ONCE)).rowcount  # noqa: S608
 
 
-def require_format(db: sqlite3.Connection) -> None:
-    """Raise `OtherFormatError` unless this is a journal of this version."""
-    found = number(db, "PRAGMA user_version")
-    if found != FORMAT:
-        raise OtherFormatError(f"format {found} where this version reads {FORMAT}")
-
-
-def number(db: sqlite3.Connection, sql: str) -> int:
-    """Return the one number that answers an SQL query."""
-    return int(db.execute(sql).fetchone()[0])
+def _events(db: sqlite3.Connection, sql: str, parameters: tuple[str, ...]) -> tuple[Event, ...]:
+    """Return the updates that a query finds, as far as their details are still there."""
+    rows = [StoredRow(*row) for row in db.execute(sql, parameters)]
+    return tuple(Event.model_validate_json(row.json) for row in rows if row.event is not None)

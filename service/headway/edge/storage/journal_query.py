@@ -2,14 +2,14 @@
 
 import sqlite3
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 from pydantic import ValidationError
 
-from headway.edge.storage.journal import LOCK_S, reason_of, require_format
+from headway.edge.storage.journal_format import BRIEF, LOCK_S, WHOLE, Reason, StoredRow, reason_of, require_format
 from headway.edge.transport.ports import Query
 from headway.edge.worker import Worker
 from headway_schemas.encodings import EVENTS_JSON
@@ -22,6 +22,8 @@ _EVIDENCE_BYTES: Final = 8 << 20
 _QUERIES_MAX: Final = 64
 """Most queries that wait."""
 _CLOSE_S: Final = 1.0
+_PAGE: Final = 500
+"""Rows that one statement reads."""
 
 _CONDITIONS: Final = {
     "from_us": "detected_us >= ?",
@@ -31,50 +33,43 @@ _CONDITIONS: Final = {
     "phase": "phase = ?",
     "vehicle": "? IN (suspect, follower, leader)",
     "event": "event_id = ?",
+    "instance": "instance = ?",
+    "after_sequence": "sequence > ?",
 }
 """SQL condition of each field of an `AlertsQuery`; `limit` and `evidence` are no conditions."""
 
 
-class StoredEvent(NamedTuple):
-    """An event update as it was published, its evidence apart."""
-
-    detected_us: int
-    event: bytes
-    evidence: bytes | None
-
-    @property
-    def json(self) -> bytes:
-        """The update with its evidence."""
-        return self.event + b',"evidence":' + (self.evidence or b"null") + b"}"
-
-
 def read(
     path: Path, query: AlertsQuery, *, site: str | None = None, oldest_first: bool = False, longest_s: float = 3600.0
-) -> Iterator[StoredEvent]:
+) -> Iterator[StoredRow]:
     """Yield the event updates that meet the conditions of a query, newest first, without a limit.
+
+    It reads a page at a time, so that the writer is never kept from cutting its log back.
 
     Raises
     ------
     sqlite3.Error
         There is no journal, it cannot be read, or `longest_s` is over.
     """
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCK_S)) as db:
-        over_s = time.monotonic() + longest_s
-        db.set_progress_handler(lambda: time.monotonic() > over_s, 10_000)
-        require_format(db)
-        asked = [(condition, getattr(query, name)) for name, condition in _CONDITIONS.items()] + [("site = ?", site)]
-        asked = [(condition, value) for condition, value in asked if value is not None]
-        where = " AND ".join(["TRUE", *(condition for condition, _ in asked)])
-        evidence = "evidence, parameters" if query.evidence else "NULL, NULL"
-        way = "ASC" if oldest_first else "DESC"
-        rows = db.execute(
-            f"SELECT detected_us, told, {evidence} FROM statements LEFT JOIN configs ON configs.id = config"  # noqa: S608
-            f" WHERE {where} ORDER BY detected_us {way}, statements.id {way}",
-            [value for _, value in asked],
-        )
-        for detected_us, event, shown, parameters in rows:
-            whole = None if shown is None else shown + b',"parameters":' + parameters + b"}"
-            yield StoredEvent(detected_us, event, whole)
+    over_s = time.monotonic() + longest_s
+    asked = [(condition, getattr(query, name)) for name, condition in _CONDITIONS.items()] + [("site = ?", site)]
+    asked = [(condition, value) for condition, value in asked if value is not None]
+    way, beyond = ("ASC", ">") if oldest_first else ("DESC", "<")
+    after: tuple[int, int] | None = None
+    while True:
+        conditions = ["TRUE", *(condition for condition, _ in asked)]
+        if after is not None:
+            conditions.append(f"(detected_us, updates.id) {beyond} (?, ?)")
+        sql = f"{WHOLE if query.evidence else BRIEF} WHERE {' AND '.join(conditions)}"
+        sql += f" ORDER BY detected_us {way}, updates.id {way} LIMIT {_PAGE}"
+        with closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=LOCK_S)) as db:
+            db.set_progress_handler(lambda: time.monotonic() > over_s, 10_000)
+            require_format(db)
+            rows = [StoredRow(*row) for row in db.execute(sql, [*(value for _, value in asked), *(after or ())])]
+        yield from rows
+        if len(rows) < _PAGE:
+            return
+        after = rows[-1].detected_us, rows[-1].id
 
 
 def page(path: Path, query: AlertsQuery, site: str | None = None) -> list[bytes]:
@@ -89,15 +84,19 @@ def page(path: Path, query: AlertsQuery, site: str | None = None) -> list[bytes]
             break
         last_us = update.detected_us
         evidence_bytes += len(update.evidence or b"")
-        found.append((update if evidence_bytes <= _EVIDENCE_BYTES else update._replace(evidence=None)).json)
+        found.append((update if evidence_bytes <= _EVIDENCE_BYTES else update._replace(readings=None)).json)
     return found
 
 
 class HistoryQueryable:
-    """Answers queries from the journal in a thread of its own, whatever the loop and the writer do."""
+    """Answers queries from the journal in a thread of its own, whatever the loop and the writer do.
 
-    def __init__(self, path: Path, site: str) -> None:
+    It calls `on_damage` when it finds the file damaged.
+    """
+
+    def __init__(self, path: Path, site: str, on_damage: Callable[[], None]) -> None:
         self._path = path
+        self._on_damage = on_damage
         self._site = site
         self._worker = Worker("headway-history", _QUERIES_MAX, sqlite3.Error)
 
@@ -117,6 +116,8 @@ class HistoryQueryable:
             first = error.errors(include_url=False)[0]
             query.refuse(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
         except sqlite3.Error as error:
+            if reason_of(error) is Reason.CORRUPT:
+                self._on_damage()
             query.refuse(f"the journal cannot be read ({reason_of(error)}): {error}")
         else:
             query.answer(b"[" + b",".join(found) + b"]", EVENTS_JSON)

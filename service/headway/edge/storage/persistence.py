@@ -8,7 +8,7 @@ from typing import Final
 from headway.core.engine import Engine
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
-from headway.edge.storage.journal import EventUpdate, Journal
+from headway.edge.storage.journal import EventUpdate, Journal, Resumed
 from headway.edge.storage.journal_query import HistoryQueryable
 from headway.edge.storage.journal_writer import JournalWriter
 from headway.edge.storage.snapshots import Snapshots
@@ -49,10 +49,23 @@ class Persistence:
         journal = config.folder / JOURNAL_FILE
         snapshot = config.folder / f"{identity.site}-{identity.instance}.snapshot"
         self.journal_writer = JournalWriter(
-            Journal(journal, days=config.journal_days, megabytes=config.journal_mb), publish, clock
+            Journal(
+                journal,
+                site=identity.site,
+                instance=identity.instance,
+                days=config.journal_days,
+                megabytes=config.journal_mb,
+            ),
+            publish,
+            clock,
         )
         self.snapshots = Snapshots(snapshot, config.snapshot_interval_s, engine, identity, clock)
-        self._history = HistoryQueryable(journal, identity.site)
+        self._history = HistoryQueryable(journal, identity.site, self.journal_writer.report_damage)
+
+    def start(self) -> Resumed:
+        """Load the snapshot and start to write; return what the journal says of the process before this one."""
+        self.snapshots.load()
+        return self.journal_writer.start()
 
     @property
     def troubles(self) -> tuple[str, ...]:

@@ -16,7 +16,7 @@ from prometheus_client.registry import Collector
 
 from headway.core.types.outcome import Outcome
 from headway.edge.context import ServiceContext
-from headway.edge.storage.journal import Reason
+from headway.edge.storage.journal_format import Reason
 from headway.edge.storage.persistence import Persistence
 from headway.edge.telemetry.latency import EDGES_US, Histogram
 

@@ -1,0 +1,137 @@
+"""Engine events as numbered updates, and a quota for each suspect.
+
+A suspect publishes its first events one by one. Beyond its quota they are summarised in one event that counts them, so
+that no sender fills the journal or the bus, however often it raises an alarm.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from headway.core.types.step_result import AnomalyEvent
+from headway.edge.codec.messages import encode, event_message
+from headway.edge.identity import Identity
+from headway.edge.storage.journal import EventUpdate
+from headway_schemas.event import Event, Phase, Stage
+from headway_schemas.keys import Keys
+
+SUMMARY_EVERY_US: Final = 10_000_000
+"""From one update of a summary to the next."""
+QUIET_US: Final = 60_000_000
+"""A summary ends this long after the last anomaly that it counts."""
+
+
+@dataclass(slots=True)
+class _Suspect:
+    """What is left of a suspect's quota, and its summary."""
+
+    events_left: float
+    refilled_us: int
+    counted: int = 0
+    summary: Event | None = None
+    updated_us: int = 0
+    newest_us: int = 0
+    summarised: set[str] = field(default_factory=set)
+    """Events that the summary counts and that have not ended."""
+
+
+class EventUpdates:
+    """Makes event updates of what the engine found.
+
+    Parameters
+    ----------
+    burst
+        Events of one suspect that are published one by one.
+    refill_s
+        After this long one more is.
+    sequence
+        The last sequence number that is taken.
+    """
+
+    def __init__(self, identity: Identity, keys: Keys, *, burst: int, refill_s: float, sequence: int = 0) -> None:
+        self._identity = identity
+        self._keys = keys
+        self._burst = burst
+        self._refill_us = refill_s * 1e6
+        self._suspects: dict[str, _Suspect] = {}
+        self._sequence = sequence
+        self.summarised = 0
+        """Events that were counted in a summary and not published."""
+
+    def resume_after(self, sequence: int) -> None:
+        """Go on after a sequence number."""
+        self._sequence = sequence
+
+    def of(self, events: Iterable[AnomalyEvent], detected_us: int, latency_us: Mapping[Stage, int]) -> list[EventUpdate]:
+        """Return the updates that are published; `latency_us` is of the stages that all events share."""
+        updates = []
+        for event in events:
+            if not self._admit(event, detected_us):
+                continue
+            message = event_message(event, self._identity, detected_us, latency_us)
+            updates.append(self._number(message))
+        updates += map(self._number, self._summaries(detected_us))
+        return updates
+
+    def end(self, event: Event, now_us: int) -> EventUpdate:
+        """Return the end of an event that a process before this one published."""
+        return self._number(event.model_copy(update={"phase": Phase.CLEARED, "detected_us": now_us, "evidence": None}))
+
+    def again(self, event: Event) -> EventUpdate:
+        """Return an update that a process before this one may not have published, as it was."""
+        return EventUpdate(event, self._keys.alert(event.kind, event.suspect), encode(event))
+
+    def _number(self, event: Event) -> EventUpdate:
+        self._sequence += 1
+        numbered = event.model_copy(update={"instance": self._identity.instance, "sequence": self._sequence})
+        return self.again(numbered)
+
+    def _admit(self, event: AnomalyEvent, now_us: int) -> bool:
+        """Whether an event is published as it is; otherwise it is counted."""
+        suspect = self._suspects.get(event.suspect)
+        if suspect is None:
+            suspect = self._suspects[event.suspect] = _Suspect(float(self._burst), now_us)
+        if event.phase == Phase.ONSET:
+            refill = (now_us - suspect.refilled_us) / self._refill_us
+            suspect.events_left = min(self._burst, suspect.events_left + max(0.0, refill))
+            suspect.refilled_us = now_us
+            if suspect.events_left >= 1.0 and suspect.summary is None:
+                suspect.events_left -= 1.0
+                return True
+            self._count(suspect, event, now_us)
+            return False
+        if event.event_id not in suspect.summarised:
+            return True
+        suspect.newest_us = now_us
+        if event.phase == Phase.CLEARED:
+            suspect.summarised.discard(event.event_id)
+        return False
+
+    def _count(self, suspect: _Suspect, event: AnomalyEvent, now_us: int) -> None:
+        self.summarised += 1
+        suspect.summarised.add(event.event_id)
+        suspect.counted += 1
+        suspect.newest_us = now_us
+        if suspect.summary is None:
+            suspect.summary = event_message(event, self._identity, now_us, {})
+
+    def _summaries(self, now_us: int) -> Iterator[Event]:
+        """Yield the summaries that are due, and drop suspects whose quota is whole again."""
+        for name, suspect in list(self._suspects.items()):
+            if suspect.summary is not None:
+                yield from self._summary(suspect, suspect.summary, now_us)
+            elif now_us - suspect.refilled_us > self._burst * self._refill_us:
+                del self._suspects[name]
+
+    def _summary(self, suspect: _Suspect, summary: Event, now_us: int) -> Iterator[Event]:
+        is_over = not suspect.summarised and now_us - suspect.newest_us > QUIET_US
+        if not (is_over or suspect.updated_us == 0 or now_us - suspect.updated_us >= SUMMARY_EVERY_US):
+            return
+        phase = Phase.CLEARED if is_over else Phase.UPDATE if suspect.updated_us else Phase.ONSET
+        evidence = summary.evidence if phase is Phase.ONSET else None
+        yield summary.model_copy(
+            update={"phase": phase, "detected_us": now_us, "count": suspect.counted, "evidence": evidence}
+        )
+        suspect.updated_us = now_us
+        if is_over:
+            suspect.summary, suspect.counted, suspect.updated_us = None, 0, 0

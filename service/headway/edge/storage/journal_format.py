@@ -1,0 +1,169 @@
+"""The journal's file: its tables, what a row is, and what can be wrong with it."""
+
+import base64
+import sqlite3
+import zlib
+from enum import StrEnum, unique
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+FORMAT: Final = 2
+"""`user_version` of the file."""
+_WAL_BYTES: Final = 1 << 20
+"""Size to which a write-ahead log is cut back when no reader needs it."""
+LOCK_S: Final = 5.0
+"""How long to wait while another process writes."""
+
+_SCHEMA: Final = """
+CREATE TABLE configs (id INTEGER PRIMARY KEY, config_hash TEXT NOT NULL, parameters TEXT NOT NULL UNIQUE);
+CREATE TABLE updates (
+    id INTEGER PRIMARY KEY,
+    site TEXT NOT NULL, instance TEXT, sequence INTEGER,
+    detected_us INTEGER NOT NULL, t_us INTEGER NOT NULL, event_id TEXT NOT NULL, phase TEXT NOT NULL,
+    kind TEXT NOT NULL, sensor TEXT NOT NULL, suspect TEXT NOT NULL, follower TEXT NOT NULL, leader TEXT,
+    model TEXT NOT NULL, config_hash TEXT NOT NULL,
+    event TEXT
+);
+CREATE TABLE evidence (
+    update_id INTEGER PRIMARY KEY, readings TEXT NOT NULL, checkpoint BLOB, config INTEGER NOT NULL REFERENCES configs
+);
+CREATE TABLE published (site TEXT, instance TEXT, update_id INTEGER NOT NULL, PRIMARY KEY (site, instance));
+CREATE INDEX by_time ON updates (detected_us);
+CREATE INDEX by_event ON updates (event_id);
+"""
+"""`updates.event` is the JSON of an update without its evidence; null once only the columns are left.
+
+`evidence.readings` is JSON, an object of `columns` and `readings`; `checkpoint` is compressed by zlib.
+"""
+
+COLUMNS: Final = (
+    "site", "instance", "sequence", "detected_us", "t_us", "event_id", "phase",
+    "kind", "sensor", "suspect", "follower", "leader", "model", "config_hash",
+)  # fmt: skip
+"""Fields of an event that have columns of their own."""
+INSERT: Final = f"INSERT INTO updates ({', '.join(COLUMNS)}, event) VALUES ({', '.join('?' * (len(COLUMNS) + 1))})"  # noqa: S608
+
+
+@unique
+class Reason(StrEnum):
+    """Why an event update is not in the journal."""
+
+    DISK_FULL = "disk_full"
+    LOCKED = "locked"
+    HELD_OPEN = "held_open"
+    """A reader holds the write-ahead log, which has grown as large as the journal may be."""
+    CORRUPT = "corrupt"
+    NO_ACCESS = "no_access"
+    OTHER_FORMAT = "other_format"
+    IO_ERROR = "io_error"
+    QUEUE_FULL = "queue_full"
+    """The disk was too slow for too long."""
+
+
+_REASONS: Final = {
+    sqlite3.SQLITE_FULL: Reason.DISK_FULL,
+    sqlite3.SQLITE_BUSY: Reason.LOCKED,
+    sqlite3.SQLITE_LOCKED: Reason.LOCKED,
+    sqlite3.SQLITE_CORRUPT: Reason.CORRUPT,
+    sqlite3.SQLITE_NOTADB: Reason.CORRUPT,
+    sqlite3.SQLITE_CANTOPEN: Reason.NO_ACCESS,
+    sqlite3.SQLITE_READONLY: Reason.NO_ACCESS,
+    sqlite3.SQLITE_PERM: Reason.NO_ACCESS,
+}
+
+
+class OtherFormatError(sqlite3.DatabaseError):
+    """The file is of another version of headway, or no journal at all."""
+
+    def __init__(self, found: int) -> None:
+        super().__init__(f"format {found} where this version reads {FORMAT}")
+        self.found = found
+
+
+class HeldOpenError(sqlite3.OperationalError):
+    """A reader keeps the write-ahead log from being cut back."""
+
+
+def reason_of(error: Exception) -> Reason:
+    """Return the reason for an error of SQLite or of the system."""
+    if isinstance(error, OtherFormatError):
+        return Reason.OTHER_FORMAT
+    if isinstance(error, HeldOpenError):
+        return Reason.HELD_OPEN
+    if isinstance(error, sqlite3.Error):
+        return _REASONS.get(getattr(error, "sqlite_errorcode", 0) & 0xFF, Reason.IO_ERROR)
+    return Reason.NO_ACCESS
+
+
+class StoredRow(NamedTuple):
+    """A row of `updates` with its evidence."""
+
+    id: int
+    detected_us: int
+    event: str | None
+    columns: str | None
+    """JSON of the fields that have columns; where `event` is missing."""
+    readings: str | None
+    checkpoint: bytes | None
+    parameters: str | None
+
+    @property
+    def brief(self) -> bytes:
+        """JSON of the update up to its evidence, without the closing brace."""
+        return (self.event or self.columns or "").removesuffix("}").encode()
+
+    @property
+    def evidence(self) -> bytes | None:
+        """JSON of the evidence."""
+        if self.readings is None:
+            return None
+        packed = "null"
+        if self.checkpoint is not None:
+            packed = f'"{base64.b64encode(zlib.decompress(self.checkpoint)).decode()}"'
+        rest = f',"checkpoint":{packed},"parameters":{self.parameters}}}'
+        return (self.readings.removesuffix("}") + rest).encode()
+
+    @property
+    def json(self) -> bytes:
+        """JSON of the update."""
+        return self.brief + b',"evidence":' + (self.evidence or b"null") + b"}"
+
+
+_COLUMNS_JSON: Final = "json_object({})".format(", ".join(f"'{name}', updates.{name}" for name in COLUMNS))
+_EVENT: Final = f"updates.id, detected_us, event, CASE WHEN event IS NULL THEN {_COLUMNS_JSON} END"
+BRIEF: Final = f"SELECT {_EVENT}, NULL, NULL, NULL FROM updates"  # noqa: S608
+WHOLE: Final = f"""SELECT {_EVENT}, readings, checkpoint, parameters FROM updates
+LEFT JOIN evidence ON evidence.update_id = updates.id LEFT JOIN configs ON configs.id = evidence.config"""  # noqa: S608
+"""SQL of `StoredRow`s without and with evidence, to which conditions are added."""
+
+
+def prepare(db: sqlite3.Connection) -> None:
+    """Make a journal of an empty file, and refuse a file of another format. Raises `OtherFormatError`."""
+    if number(db, "PRAGMA user_version") == 0 and number(db, "SELECT count(*) FROM sqlite_schema") == 0:
+        db.execute("PRAGMA auto_vacuum = INCREMENTAL")
+        db.executescript(f"BEGIN IMMEDIATE;{_SCHEMA};PRAGMA user_version = {FORMAT};COMMIT")
+    require_format(db)
+    db.execute("PRAGMA journal_mode = WAL")
+    db.execute("PRAGMA synchronous = NORMAL")
+    db.execute(f"PRAGMA journal_size_limit = {_WAL_BYTES}")
+
+
+def require_format(db: sqlite3.Connection) -> None:
+    """Raise `OtherFormatError` unless this is a journal of this version."""
+    found = number(db, "PRAGMA user_version")
+    if found != FORMAT:
+        raise OtherFormatError(found)
+
+
+def number(db: sqlite3.Connection, sql: str, *parameters: Any) -> int:
+    """Return the one number that answers an SQL query; 0 for NULL."""
+    return int(db.execute(sql, parameters).fetchone()[0] or 0)
+
+
+def move_aside(path: Path, ending: str) -> Path:
+    """Give a file another name, so that the next use makes a new one; return that name. Raises `OSError`."""
+    aside = path.with_name(f"{path.name}.{ending}")
+    path.replace(aside)
+    for beside in ("-wal", "-shm"):
+        path.with_name(path.name + beside).unlink(missing_ok=True)
+    return aside
