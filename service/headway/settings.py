@@ -153,6 +153,12 @@ class Settings(BaseSettings):
         1024, "Most bytes of payload in the copy of a rejected message.", "B", ge=0, le=1 << 16
     )
     health_interval_s: float = _setting(1.0, "Time between two health reports.", "s", ge=0.1, le=60)
+    suspect_burst: int = _setting(
+        5, "Events of one suspect published one by one; further ones are summarised in one event.", ge=1, le=10_000
+    )
+    suspect_refill_s: float = _setting(
+        600.0, "Time after which a suspect may have one more event of its own.", "s", gt=0, le=86_400
+    )
     alert_queue_limit: int = _setting(
         10_000, "Most alerts that wait for a slow bus; beyond it the oldest is dropped and counted.", ge=1, le=1_000_000
     )

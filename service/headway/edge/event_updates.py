@@ -15,10 +15,12 @@ from headway.edge.storage.journal import EventUpdate
 from headway_schemas.event import Event, Phase, Stage
 from headway_schemas.keys import Keys
 
-SUMMARY_EVERY_US: Final = 10_000_000
+SUMMARY_EVERY_NS: Final = 10_000_000_000
 """From one update of a summary to the next."""
-QUIET_US: Final = 60_000_000
+QUIET_NS: Final = 60_000_000_000
 """A summary ends this long after the last anomaly that it counts."""
+_LOOK_EVERY_NS: Final = 1_000_000_000
+"""How often summaries are looked at."""
 
 
 @dataclass(slots=True)
@@ -26,11 +28,11 @@ class _Suspect:
     """What is left of a suspect's quota, and its summary."""
 
     events_left: float
-    refilled_us: int
+    refilled_ns: int
     counted: int = 0
     summary: Event | None = None
-    updated_us: int = 0
-    newest_us: int = 0
+    updated_ns: int = 0
+    newest_ns: int = 0
     summarised: set[str] = field(default_factory=set)
     """Events that the summary counts and that have not ended."""
 
@@ -52,9 +54,10 @@ class EventUpdates:
         self._identity = identity
         self._keys = keys
         self._burst = burst
-        self._refill_us = refill_s * 1e6
+        self._refill_ns = refill_s * 1e9
         self._suspects: dict[str, _Suspect] = {}
         self._sequence = sequence
+        self._looked_ns = 0
         self.summarised = 0
         """Events that were counted in a summary and not published."""
 
@@ -62,15 +65,22 @@ class EventUpdates:
         """Go on after a sequence number."""
         self._sequence = sequence
 
-    def of(self, events: Iterable[AnomalyEvent], detected_us: int, latency_us: Mapping[Stage, int]) -> list[EventUpdate]:
-        """Return the updates that are published; `latency_us` is of the stages that all events share."""
-        updates = []
-        for event in events:
-            if not self._admit(event, detected_us):
-                continue
-            message = event_message(event, self._identity, detected_us, latency_us)
-            updates.append(self._number(message))
-        updates += map(self._number, self._summaries(detected_us))
+    def of(
+        self, events: Iterable[AnomalyEvent], now_ns: int, detected_us: int, latency_us: Mapping[Stage, int]
+    ) -> list[EventUpdate]:
+        """Return the updates to publish.
+
+        `now_ns` is monotonic and decides quotas; `detected_us` is the local time. `latency_us` is of the stages that
+        all events share.
+        """
+        updates = [
+            self._number(event_message(event, self._identity, detected_us, latency_us))
+            for event in events
+            if self._admit(event, now_ns, detected_us)
+        ]
+        if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
+            self._looked_ns = now_ns
+            updates += map(self._number, self._summaries(now_ns, detected_us))
         return updates
 
     def end(self, event: Event, now_us: int) -> EventUpdate:
@@ -86,52 +96,52 @@ class EventUpdates:
         numbered = event.model_copy(update={"instance": self._identity.instance, "sequence": self._sequence})
         return self.again(numbered)
 
-    def _admit(self, event: AnomalyEvent, now_us: int) -> bool:
+    def _admit(self, event: AnomalyEvent, now_ns: int, detected_us: int) -> bool:
         """Whether an event is published as it is; otherwise it is counted."""
         suspect = self._suspects.get(event.suspect)
         if suspect is None:
-            suspect = self._suspects[event.suspect] = _Suspect(float(self._burst), now_us)
+            suspect = self._suspects[event.suspect] = _Suspect(float(self._burst), now_ns)
         if event.phase == Phase.ONSET:
-            refill = (now_us - suspect.refilled_us) / self._refill_us
+            refill = (now_ns - suspect.refilled_ns) / self._refill_ns
             suspect.events_left = min(self._burst, suspect.events_left + max(0.0, refill))
-            suspect.refilled_us = now_us
+            suspect.refilled_ns = now_ns
             if suspect.events_left >= 1.0 and suspect.summary is None:
                 suspect.events_left -= 1.0
                 return True
-            self._count(suspect, event, now_us)
+            self._count(suspect, event, now_ns, detected_us)
             return False
         if event.event_id not in suspect.summarised:
             return True
-        suspect.newest_us = now_us
+        suspect.newest_ns = now_ns
         if event.phase == Phase.CLEARED:
             suspect.summarised.discard(event.event_id)
         return False
 
-    def _count(self, suspect: _Suspect, event: AnomalyEvent, now_us: int) -> None:
+    def _count(self, suspect: _Suspect, event: AnomalyEvent, now_ns: int, detected_us: int) -> None:
         self.summarised += 1
         suspect.summarised.add(event.event_id)
         suspect.counted += 1
-        suspect.newest_us = now_us
+        suspect.newest_ns = now_ns
         if suspect.summary is None:
-            suspect.summary = event_message(event, self._identity, now_us, {})
+            suspect.summary = event_message(event, self._identity, detected_us, {})
 
-    def _summaries(self, now_us: int) -> Iterator[Event]:
+    def _summaries(self, now_ns: int, detected_us: int) -> Iterator[Event]:
         """Yield the summaries that are due, and drop suspects whose quota is whole again."""
         for name, suspect in list(self._suspects.items()):
             if suspect.summary is not None:
-                yield from self._summary(suspect, suspect.summary, now_us)
-            elif now_us - suspect.refilled_us > self._burst * self._refill_us:
+                yield from self._summary(suspect, suspect.summary, now_ns, detected_us)
+            elif now_ns - suspect.refilled_ns > self._burst * self._refill_ns:
                 del self._suspects[name]
 
-    def _summary(self, suspect: _Suspect, summary: Event, now_us: int) -> Iterator[Event]:
-        is_over = not suspect.summarised and now_us - suspect.newest_us > QUIET_US
-        if not (is_over or suspect.updated_us == 0 or now_us - suspect.updated_us >= SUMMARY_EVERY_US):
+    def _summary(self, suspect: _Suspect, summary: Event, now_ns: int, detected_us: int) -> Iterator[Event]:
+        is_over = not suspect.summarised and now_ns - suspect.newest_ns > QUIET_NS
+        if not (is_over or suspect.updated_ns == 0 or now_ns - suspect.updated_ns >= SUMMARY_EVERY_NS):
             return
-        phase = Phase.CLEARED if is_over else Phase.UPDATE if suspect.updated_us else Phase.ONSET
+        phase = Phase.CLEARED if is_over else Phase.UPDATE if suspect.updated_ns else Phase.ONSET
         evidence = summary.evidence if phase is Phase.ONSET else None
         yield summary.model_copy(
-            update={"phase": phase, "detected_us": now_us, "count": suspect.counted, "evidence": evidence}
+            update={"phase": phase, "detected_us": detected_us, "count": suspect.counted, "evidence": evidence}
         )
-        suspect.updated_us = now_us
+        suspect.updated_ns = now_ns
         if is_over:
-            suspect.summary, suspect.counted, suspect.updated_us = None, 0, 0
+            suspect.summary, suspect.counted, suspect.updated_ns = None, 0, 0

@@ -13,9 +13,10 @@ from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import AnomalyEvent, StepResult
 from headway.edge.codec.decoder import Decoded
-from headway.edge.codec.messages import DETAILS, encode, event_message, rejected_copy
+from headway.edge.codec.messages import DETAILS, encode, rejected_copy
 from headway.edge.context import ServiceContext
-from headway.edge.storage.journal import EventUpdate
+from headway.edge.event_updates import EventUpdates
+from headway.edge.storage.journal import EventUpdate, Resumed
 from headway.edge.telemetry.reporter import Reporter
 from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway.edge.transport.ports import Channel
@@ -46,6 +47,8 @@ class LoopConfig:
     idle_sleep_s: float
     rejected_rate_hz: float
     rejected_bytes_limit: int
+    suspect_burst: int
+    suspect_refill_s: float
 
 
 class ServiceLoop:
@@ -68,7 +71,25 @@ class ServiceLoop:
             clock.monotonic_ns()
         )
         self._copies: Counter[Outcome] = Counter()
+        self._event_updates = EventUpdates(
+            context.identity, context.keys, burst=config.suspect_burst, refill_s=config.suspect_refill_s
+        )
         self._shed = 0
+
+    def resume(self, resumed: Resumed) -> None:
+        """Publish what the process before this one wrote and perhaps did not publish, and end what it left open."""
+        self._event_updates.resume_after(resumed.sequence)
+        for event in resumed.unpublished:
+            update = self._event_updates.again(event)
+            self._bus.publish(Channel.ALERT, update.key, update.payload)
+        known, now_us = self._engine.open_event_ids, self._clock.wall_us()
+        ended = [event for event in resumed.open_events if event.event_id not in known]
+        self._publish([self._event_updates.end(event, now_us) for event in ended])
+        if resumed.unpublished or resumed.open_events:
+            _log.info(
+                "events resumed", published_again=len(resumed.unpublished), ended=len(ended),
+                continued=len(resumed.open_events) - len(ended),
+            )  # fmt: skip
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Iterate until `stopping`; the garbage collector runs when no message waits."""
@@ -140,15 +161,11 @@ class ServiceLoop:
 
     def _publish_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, detect_us: int) -> None:
         """Publish event updates; with persistence only after the journal has committed them."""
+        latency_us = {Stage.DECODE: decode_us, Stage.DETECT: detect_us}
         detected_us = drained_us + decode_us + detect_us
-        updates = []
-        for event in events:
-            latency_us = {Stage.DECODE: decode_us, Stage.DETECT: detect_us}
-            if event.evidence is not None:
-                latency_us[Stage.QUEUE] = drained_us - event.received_us
-            message = event_message(event, self._identity, detected_us, latency_us)
-            key = self._keys.alert(message.kind, message.suspect)
-            updates.append(EventUpdate(message, key, encode(message)))
+        self._publish(self._event_updates.of(events, self._iteration_ns, detected_us, latency_us))
+
+    def _publish(self, updates: list[EventUpdate]) -> None:
         if self._persistence is not None and updates:
             self._persistence.put(updates)
             return

@@ -12,7 +12,8 @@ from sim.until import until
 from structlog.testing import capture_logs
 
 from headway.edge.storage import journal_writer as module
-from headway.edge.storage.journal import EventUpdate, Journal, Reason
+from headway.edge.storage.journal import EventUpdate, Journal, Resumed
+from headway.edge.storage.journal_format import Reason
 from headway.edge.storage.journal_writer import PUBLISH_AFTER_NS, JournalWriter
 
 
@@ -26,17 +27,31 @@ class Disk:
         self.free.set()
         self.error: Exception | None = None
         self.written: list[int] = []
+        self.pruned_at: list[int] = []
+        self.marked: list[int] = []
+        self.resumed = Resumed()
 
-    def write(self, updates: list[EventUpdate]) -> None:
+    def write(self, updates: list[EventUpdate]) -> int:
         self.free.wait(10.0)
         if self.error is not None:
             raise self.error
         self.written += [one.event.detected_us for one in updates]
+        return len(self.written)
 
-    def prune(self, _now_us: int) -> int:
+    def prune(self, now_us: int) -> int:
         if self.error is not None:
             raise self.error
+        self.pruned_at.append(now_us)
         return 0
+
+    def mark_published(self, row: int) -> None:
+        self.marked.append(row)
+
+    def check(self) -> bool:
+        return True
+
+    def resume(self) -> Resumed:
+        return self.resumed
 
     def close(self) -> None:
         pass
@@ -47,6 +62,7 @@ class Rigged:
         self.disk, self.clock = disk, FakeClock()
         self.told: list[int] = []
         self.journal_writer = JournalWriter(disk, lambda one: self.told.append(one.event.detected_us), self.clock)
+        self.journal_writer.start()
 
     def put(self, *detected_us: int) -> None:
         self.journal_writer.put([update(t_us) for t_us in detected_us])
@@ -64,8 +80,11 @@ def test_a_statement_is_in_the_journal_when_it_is_told(tmp_path: Path) -> None:
     path = tmp_path / "journal.sqlite"
     seen: list[list[int]] = []
     journal_writer = JournalWriter(
-        Journal(path, days=1.0, megabytes=10.0), lambda _: seen.append(detected(path)), FakeClock()
+        Journal(path, site="local", instance="i", days=1.0, megabytes=10.0),
+        lambda _: seen.append(detected(path)),
+        FakeClock(),
     )
+    journal_writer.start()
     journal_writer.put([update(1), update(2)])
     journal_writer.put([update(3)])
     journal_writer.close(10.0)
@@ -144,3 +163,50 @@ def test_nothing_is_told_twice_when_the_loop_and_the_thread_tell_at_once(rigged:
         journal_writer.tick(clock.monotonic_ns() + 2 * PUBLISH_AFTER_NS)
     journal_writer.close(10.0)
     assert sorted(rigged.told) == list(range(900))
+
+
+DAY_US = 86_400_000_000
+
+
+def pruned_at(disk: Disk, clock: FakeClock, leap_us: int) -> int:
+    """Return the time by which a journal is pruned while the clock is off by `leap_us`."""
+    writer = JournalWriter(disk, lambda _: None, clock)
+    writer.start()
+    clock.leap(leap_us)
+    until(lambda: len(disk.pruned_at) > 1)
+    writer.close(10.0)
+    return disk.pruned_at[-1]
+
+
+@pytest.mark.parametrize("days", [31, 20 * 365])
+def test_a_clock_that_leaps_ahead_deletes_nothing(days: int) -> None:
+    disk, clock = Disk(), FakeClock()
+    start_us = clock.wall_us()
+    assert pruned_at(disk, clock, days * DAY_US) <= start_us + DAY_US
+
+
+def test_a_clock_that_leaps_back_deletes_nothing() -> None:
+    disk, clock = Disk(), FakeClock()
+    start_us = clock.wall_us()
+    assert pruned_at(disk, clock, -31 * DAY_US) < start_us
+
+
+def test_a_machine_that_starts_a_month_ahead_deletes_nothing_for_an_hour() -> None:
+    disk, clock = Disk(), FakeClock()
+    disk.resumed = Resumed(newest_us=clock.wall_us() - 31 * DAY_US)
+    with capture_logs() as logs:
+        assert pruned_at(disk, clock, 0) == 0
+    assert logs[0]["days"] == 31
+
+
+def test_what_is_on_the_bus_is_noted_once_it_has_had_time_to_get_there(rigged: Rigged) -> None:
+    writer, disk, clock = rigged.journal_writer, rigged.disk, rigged.clock
+    rigged.put(1)
+    until(lambda: disk.written == [1])
+    until(lambda: len(disk.pruned_at) > 2)
+    assert disk.marked == []
+    clock.sleep(2.5)
+    until(lambda: disk.marked == [1])
+    rigged.put(2)
+    writer.close(10.0)
+    assert disk.marked == [1, 2]

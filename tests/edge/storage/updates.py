@@ -12,8 +12,11 @@ from headway.edge.storage.journal_query import page
 from headway_schemas.query import AlertsQuery
 
 
-def update(detected_us: int, **changes) -> EventUpdate:
-    message = event_message(event(**changes), IDENTITY, detected_us, {})
+def update(detected_us: int, sequence: int = 1, **changes) -> EventUpdate:
+    """Return an update that was detected then; unless told, with an `event_id` and `t_us` of its own."""
+    of = {"event_id": f"e{detected_us}", "t_us": detected_us} | changes
+    message = event_message(event(**of), IDENTITY, detected_us, {})
+    message = message.model_copy(update={"instance": IDENTITY.instance, "sequence": sequence})
     return EventUpdate(message, KEYS.alert(message.kind, message.suspect), encode(message))
 
 

@@ -16,6 +16,7 @@ from headway.edge.codec.evidence import parameters
 from headway.edge.context import ServiceContext
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
+from headway.edge.storage.journal import Resumed
 from headway.edge.storage.persistence import Persistence, PersistenceConfig
 from headway.edge.telemetry import logging_setup
 from headway.edge.telemetry.accounting import Ledger
@@ -104,11 +105,11 @@ def serve(loaded: Loaded) -> None:
             # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
             _log.info("starting anew", compiled=compiled)
             os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
-        if persistence is not None:
-            persistence.snapshots.load()
+        resumed = Resumed() if persistence is None else persistence.start()
         health.warm = True
         try:
             if bus.open(lambda seconds: not stop.wait(seconds)):
+                loop.resume(resumed)
                 _log.info("ready", connect=settings.connect, listen=settings.listen)
                 loop.run(stop.is_set)
                 left = loop.drain(settings.stop_timeout_s)
@@ -183,4 +184,6 @@ def _loop_config(settings: Settings) -> LoopConfig:
         idle_sleep_s=settings.idle_sleep_s,
         rejected_rate_hz=settings.rejected_rate_hz,
         rejected_bytes_limit=settings.rejected_bytes_limit,
+        suspect_burst=settings.suspect_burst,
+        suspect_refill_s=settings.suspect_refill_s,
     )

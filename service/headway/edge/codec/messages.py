@@ -35,7 +35,10 @@ _ETSI_TARGET: Final = {
 def event_message(
     event: AnomalyEvent, identity: Identity, detected_us: int, latency_us: Mapping[wire.Stage, int]
 ) -> wire.Event:
-    """Return what goes to the alert topic; `latency_us` lacks the way over the air, which the event itself tells."""
+    """Return what goes to the alert topic. `latency_us` lacks the stages that the event itself tells.
+
+    The evidence goes with the onset: it is the reading that the event began with.
+    """
     x_m, v_mps, x_std_m, v_std_mps = event.recovered
     return wire.Event(
         event_id=event.event_id,
@@ -59,7 +62,7 @@ def event_message(
         config_hash=identity.config_hash,
         confidence=event.confidence,
         etsi_target=_ETSI_TARGET.get(event.sensor),
-        evidence=to_wire(event.evidence, identity) if event.evidence else None,
+        evidence=to_wire(event.evidence, identity) if event.evidence and event.phase == wire.Phase.ONSET else None,
     )
 
 

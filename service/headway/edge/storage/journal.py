@@ -18,9 +18,9 @@ from typing import Final
 import structlog
 
 from headway.edge.storage.journal_format import (
+    BRIEF,
     COLUMNS,
     FORMAT,
-    BRIEF,
     INSERT,
     LOCK_S,
     WHOLE,
@@ -198,7 +198,7 @@ class Journal:
             self._path.touch(mode=0o600)
             db = sqlite3.connect(self._path, timeout=LOCK_S, isolation_level=None, check_same_thread=False)
             try:
-                prepare(db)
+                prepare(db, self._bytes_limit)
             except sqlite3.Error:
                 db.close()
                 raise

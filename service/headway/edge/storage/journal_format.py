@@ -9,8 +9,11 @@ from typing import Any, Final, NamedTuple
 
 FORMAT: Final = 2
 """`user_version` of the file."""
-_WAL_BYTES: Final = 1 << 20
-"""Size to which a write-ahead log is cut back when no reader needs it."""
+_WAL_PAGES: Final = 1_000
+"""Most pages in the write-ahead log before its content goes into the file, as SQLite has it."""
+_WAL_SHARE: Final = 8
+"""A small journal has a smaller log: its limit divided by this."""
+PAGE_BYTES: Final = 4_096
 LOCK_S: Final = 5.0
 """How long to wait while another process writes."""
 
@@ -137,15 +140,18 @@ LEFT JOIN evidence ON evidence.update_id = updates.id LEFT JOIN configs ON confi
 """SQL of `StoredRow`s without and with evidence, to which conditions are added."""
 
 
-def prepare(db: sqlite3.Connection) -> None:
+def prepare(db: sqlite3.Connection, bytes_limit: int) -> None:
     """Make a journal of an empty file, and refuse a file of another format. Raises `OtherFormatError`."""
     if number(db, "PRAGMA user_version") == 0 and number(db, "SELECT count(*) FROM sqlite_schema") == 0:
+        db.execute(f"PRAGMA page_size = {PAGE_BYTES}")
         db.execute("PRAGMA auto_vacuum = INCREMENTAL")
         db.executescript(f"BEGIN IMMEDIATE;{_SCHEMA};PRAGMA user_version = {FORMAT};COMMIT")
     require_format(db)
     db.execute("PRAGMA journal_mode = WAL")
     db.execute("PRAGMA synchronous = NORMAL")
-    db.execute(f"PRAGMA journal_size_limit = {_WAL_BYTES}")
+    pages = max(1, min(_WAL_PAGES, bytes_limit // _WAL_SHARE // PAGE_BYTES))
+    db.execute(f"PRAGMA wal_autocheckpoint = {pages}")
+    db.execute(f"PRAGMA journal_size_limit = {pages * PAGE_BYTES}")
 
 
 def require_format(db: sqlite3.Connection) -> None:

@@ -1,0 +1,78 @@
+"""Updates are numbered without a gap, and no suspect fills journal and bus."""
+
+import pytest
+from edge.stub import event
+from sim.rig import IDENTITY, KEYS
+
+from headway.core.types.step_result import Phase
+from headway.edge.event_updates import QUIET_NS, EventUpdates
+
+S = 1_000_000_000
+BURST, REFILL_S = 3, 600.0
+
+
+@pytest.fixture
+def updates() -> EventUpdates:
+    return EventUpdates(IDENTITY, KEYS, burst=BURST, refill_s=REFILL_S)
+
+
+def of(updates: EventUpdates, at_s: float, *events) -> list:
+    return [update.event for update in updates.of(events, round(at_s * S), 1_000 + round(at_s * 1e6), {})]
+
+
+def short(n: int, suspect: str = "car1") -> tuple:
+    return tuple(
+        event(event_id=f"{suspect}-{n}", suspect=suspect, phase=phase) for phase in (Phase.ONSET, Phase.CLEARED)
+    )
+
+
+def test_numbers_have_no_gap_and_name_the_instance(updates) -> None:
+    published = of(updates, 0.0, *short(1), *short(2, "car2"))
+    assert [(one.instance, one.sequence) for one in published] == [("i", 1), ("i", 2), ("i", 3), ("i", 4)]
+    updates.resume_after(40)
+    assert [one.sequence for one in of(updates, 0.1, *short(3))] == [41, 42]
+
+
+def test_the_evidence_goes_with_the_onset_alone(updates) -> None:
+    of_event = [event(phase=phase) for phase in (Phase.ONSET, Phase.UPDATE, Phase.CLEARED)]
+    assert [one.evidence is not None for one in of(updates, 0.0, *of_event)] == [True, False, False]
+
+
+def test_beyond_its_quota_a_suspect_has_one_event_that_counts(updates) -> None:
+    published = [one for n in range(600) for one in of(updates, n / 10, *short(n))]
+    own = [one for one in published if one.count == 1 and one.event_id != "car1-3"]
+    assert [one.event_id for one in own] == [f"car1-{n}" for n in range(BURST) for _ in range(2)]
+    summary = [one for one in published if one.event_id == "car1-3"]
+    assert [one.phase for one in summary] == [Phase.ONSET, *[Phase.UPDATE] * 5]
+    assert summary[-1].count == pytest.approx(600 - BURST, abs=100)
+    assert updates.summarised == 600 - BURST
+    [end] = of(updates, 60.0 + QUIET_NS / S)
+    assert (end.event_id, end.phase, end.count) == ("car1-3", Phase.CLEARED, 600 - BURST)
+    assert of(updates, 200.0) == []
+
+
+def test_another_suspect_beside_a_flood_is_published(updates) -> None:
+    for n in range(100):
+        of(updates, n / 10, *short(n))
+    assert [one.suspect for one in of(updates, 10.05, *short(1, "car2"))] == ["car2", "car2"]
+
+
+def test_a_quota_comes_back(updates) -> None:
+    for n in range(BURST):
+        of(updates, n, *short(n))
+    assert [one.event_id for one in of(updates, REFILL_S + 10, *short(9))] == ["car1-9", "car1-9"]
+
+
+def test_an_event_that_goes_on_is_not_cut_off(updates) -> None:
+    of(updates, 0.0, event(event_id="long", phase=Phase.ONSET))
+    for n in range(20):
+        of(updates, 1 + n, *short(n))
+    assert "long" in {one.event_id for one in of(updates, 30.5, event(event_id="long", phase=Phase.CLEARED))}
+
+
+def test_what_was_left_open_is_ended(updates) -> None:
+    [onset] = of(updates, 0.0, event())
+    ended = updates.end(onset, 77).event
+    assert (ended.phase, ended.detected_us, ended.sequence, ended.evidence) == (Phase.CLEARED, 77, 2, None)
+    again = updates.again(onset)
+    assert (again.event, again.key) == (onset, KEYS.alert(onset.kind, onset.suspect))
