@@ -36,6 +36,14 @@ def asked(client: zenoh.Session, query: AlertsQuery) -> list[Event]:
     return EVENTS.validate_json(reply.ok.payload.to_bytes())
 
 
+def stored(updates: list[Event]) -> list[Event]:
+    """Return what the journal keeps of updates in their order: of each event the onset, the newest update, the end."""
+    newest = {(event.event_id, event.phase): event for event in updates}
+    ended = {event.event_id for event in updates if event.phase is Phase.CLEARED}
+    kept = [event for event in newest.values() if not (event.phase is Phase.UPDATE and event.event_id in ended)]
+    return sorted(kept, key=lambda event: event.sequence, reverse=True)
+
+
 def explained(event_id: str, *options: str) -> dict:
     command = [sys.executable, "-m", "headway", "explain", event_id, "--site", KEYS.site, "--json", *options]
     done = subprocess.run(command, env=without_headway(), capture_output=True, text=True, check=True, timeout=120.0)
@@ -53,7 +61,7 @@ def test_history_survives_a_restart_and_vehicles_are_known_again(started, tmp_pa
     drive(car, readings=60, lie_from=40)
     until(lambda: heard)
     late = session("client", connect=(service.endpoint,))
-    until(lambda: asked(late, AlertsQuery(evidence=True)) == heard[::-1])
+    until(lambda: asked(late, AlertsQuery(evidence=True)) == stored(heard))
     onset = next(event for event in heard if event.phase is Phase.ONSET)
     assert explained(onset.event_id, "--connect", service.endpoint)["same"]
     for client in (car, late):

@@ -15,13 +15,15 @@ class StubEngine:
         self.vehicles = vehicles
         self.pairs = 0
         self.active_events = 0
+        self.open_event_ids: set[str] = set()
         self.batches: list[Batch] = []
         self.now_us: list[int] = []
         self.gaps_ignored_before_us: list[int] = []
         self.outcomes: list[Outcome] | None = None
         self.events: list[AnomalyEvent] = []
 
-    def step(self, batch: Batch, now_us: int) -> StepResult:
+    def step(self, batch: Batch, now_us: int, clock_offset_us: int = 0) -> StepResult:
+        self.clock_offset_us = clock_offset_us
         self.now_us.append(now_us)
         self.batches.append(batch)
         outcomes = [Outcome.SCORED] * len(batch) if self.outcomes is None else self.outcomes

@@ -5,6 +5,7 @@ from edge.stub import event
 from sim.rig import IDENTITY, KEYS
 
 from headway.core.types.step_result import Phase
+from headway.edge.codec.messages import Timing
 from headway.edge.event_updates import QUIET_NS, EventUpdates
 
 S = 1_000_000_000
@@ -17,7 +18,7 @@ def updates() -> EventUpdates:
 
 
 def of(updates: EventUpdates, at_s: float, *events) -> list:
-    return [update.event for update in updates.of(events, round(at_s * S), 1_000 + round(at_s * 1e6), {})]
+    return [update.event for update in updates.of(events, round(at_s * S), Timing(1_000 + round(at_s * 1e6), 0, 0, 0))]
 
 
 def short(n: int, suspect: str = "car1") -> tuple:

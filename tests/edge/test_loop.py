@@ -229,9 +229,9 @@ def test_a_turn_of_four_rests_is_followed_by_a_quarter_of_one() -> None:
     rig = Rig(StubEngine())
     judge, rests = rig.engine.step, list[float]()
 
-    def judge_slowly(batch, now_us):
+    def judge_slowly(batch, now_us, clock_offset_us):
         FakeClock.sleep(rig.clock, 0.002)
-        return judge(batch, now_us)
+        return judge(batch, now_us, clock_offset_us)
 
     rig.engine.step = judge_slowly
     rig.clock.sleep = rests.append
@@ -270,3 +270,15 @@ def test_the_probes_follow_the_loop() -> None:
     rig.clock.sleep(2.5)
     assert rig.health.liveness_problem == "no loop iteration for 2.5 s"
     assert not rig.health.ready
+
+
+def test_a_clock_that_leaps_moves_the_offset_and_no_duration() -> None:
+    rig = Rig(StubEngine())
+    start_us = rig.clock.local_us()
+    rig.loop.iterate()
+    rig.clock.leap(31 * 86_400_000_000)
+    rig.bus.deliver(received(record()))
+    rig.clock.sleep(0.1)
+    rig.loop.iterate()
+    assert rig.engine.now_us == [start_us, start_us + 100_000]
+    assert rig.engine.clock_offset_us == 31 * 86_400_000_000

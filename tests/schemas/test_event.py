@@ -27,6 +27,9 @@ EVENT = Event(
     latency_us={Stage.WIRE: -200, Stage.QUEUE: 1500},
     model="headway",
     config_hash="0123456789ab",
+    instance="edge-1",
+    sequence=7,
+    count=3,
     confidence=0.9,
     etsi_target=EtsiTarget.SPEED,
     observations=(Observation.SPEED_CHANGE,),
@@ -47,7 +50,7 @@ def test_the_fields_are_those_of_the_contract() -> None:
     assert list(json.loads(EVENT.model_dump_json())) == [
         "event_id", "phase", "kind", "sensor", "suspect", "leader", "follower", "site", "t_us", "detected_us",
         "nis", "statistic", "gate", "p_value", "innovation", "recovered", "latency_us", "model", "config_hash",
-        "confidence", "etsi_target", "observations", "evidence",
+        "instance", "sequence", "count", "confidence", "etsi_target", "observations", "evidence",
     ]  # fmt: skip
 
 

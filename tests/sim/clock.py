@@ -12,6 +12,9 @@ class FakeClock:
     def wall_us(self) -> int:
         return START_US + self._elapsed_us + self._leapt_us
 
+    def local_us(self) -> int:
+        return START_US + self._elapsed_us
+
     def monotonic_ns(self) -> int:
         return 1_000 * self._elapsed_us
 

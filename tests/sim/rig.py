@@ -71,8 +71,12 @@ class Rig:
             idle_sleep_s=0.0005,
             rejected_rate_hz=self.rejected_rate_hz,
             rejected_bytes_limit=8,
+            suspect_burst=1_000,
+            suspect_refill_s=600.0,
         )
         self.loop = ServiceLoop(config, self.context, Reporter(reports, self.context))
+        if self.persistence is not None:
+            self.loop.resume(self.persistence.start())
 
     def _persistence(self, folder: Path) -> Persistence:
         config = PersistenceConfig(folder=folder, journal_days=1.0, journal_mb=100.0, snapshot_interval_s=5.0)

@@ -75,12 +75,12 @@ def test_a_loop_that_falls_behind_processes_the_fresh_without_alarms_and_soon_ca
     rig, waited_s = simulated.rig, []
     decode = rig.codec.decode
 
-    def decoded(received_messages: list[ReceivedMessage]) -> Decoded:
+    def decoded(received_messages: list[ReceivedMessage], clock_offset_us: int) -> Decoded:
         now_s = rig.clock.monotonic_ns() / 1e9
         waited_s.extend((now_s, now_s - received.received_ns / 1e9) for received in received_messages)
         limit = 1 if now_s < 10.0 else 100  # at 50 turns a second, half of what comes in
         rig.loop._config = replace(rig.loop._config, batch_limit=limit)
-        return decode(received_messages)
+        return decode(received_messages, clock_offset_us)
 
     rig.codec.decode = decoded
     simulated.drive(vehicles=10, seconds=15.0)

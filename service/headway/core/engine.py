@@ -40,14 +40,24 @@ class Engine:
         """Open events."""
         return len(self._site.events) + len(self._site.pair_events) + len(self._site.misses)
 
-    def step(self, batch: Batch, now_us: int, out: RecordVerdicts | None = None) -> StepResult:
-        """Process a batch at local time `now_us` (Unix microseconds); an empty batch lets time pass.
+    @property
+    def open_event_ids(self) -> set[str]:
+        """The `event_id` of each open event."""
+        site, rows = self._site, self._site.rows()
+        logs = site.events.snapshot(rows), site.pair_events.snapshot(rows), site.misses.snapshot(rows)
+        return {event.event_id for log in logs for event in log}
 
-        The order of the records within a batch has no effect: they are processed by event time. `out`, if given, is
-        filled with what was found of each record.
+    def step(
+        self, batch: Batch, now_us: int, clock_offset_us: int = 0, out: RecordVerdicts | None = None
+    ) -> StepResult:
+        """Process a batch at local time `now_us` (microseconds); an empty batch lets time pass.
+
+        Local time is that of `received_us` and never leaps. With `clock_offset_us` added it is Unix time, against which
+        the age of a record is measured. The order of the records within a batch has no effect: they are processed by
+        event time. `out`, if given, is filled with what was found of each record.
         """
         tally = StepTally(records=out)
-        outcomes = self._rounds.process(batch, now_us, tally) if len(batch) else np.empty(0, np.uint8)
+        outcomes = self._rounds.process(batch, now_us, clock_offset_us, tally) if len(batch) else np.empty(0, np.uint8)
         self._housekeeping.run(now_us, tally)
         return tally.result(outcomes)
 

@@ -4,15 +4,16 @@ A suspect publishes its first events one by one. Beyond its quota they are summa
 that no sender fills the journal or the bus, however often it raises an alarm.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
 from headway.core.types.step_result import AnomalyEvent
-from headway.edge.codec.messages import encode, event_message
+from headway.core.types.step_result import Phase as OfEngine
+from headway.edge.codec.messages import Timing, encode, event_message
 from headway.edge.identity import Identity
 from headway.edge.storage.journal import EventUpdate
-from headway_schemas.event import Event, Phase, Stage
+from headway_schemas.event import Event, Phase
 from headway_schemas.keys import Keys
 
 SUMMARY_EVERY_NS: Final = 10_000_000_000
@@ -65,22 +66,16 @@ class EventUpdates:
         """Go on after a sequence number."""
         self._sequence = sequence
 
-    def of(
-        self, events: Iterable[AnomalyEvent], now_ns: int, detected_us: int, latency_us: Mapping[Stage, int]
-    ) -> list[EventUpdate]:
-        """Return the updates to publish.
-
-        `now_ns` is monotonic and decides quotas; `detected_us` is the local time. `latency_us` is of the stages that
-        all events share.
-        """
+    def of(self, events: Iterable[AnomalyEvent], now_ns: int, timing: Timing) -> list[EventUpdate]:
+        """Return the updates to publish; `now_ns` is monotonic and decides quotas."""
         updates = [
-            self._number(event_message(event, self._identity, detected_us, latency_us))
+            self._number(event_message(event, self._identity, timing))
             for event in events
-            if self._admit(event, now_ns, detected_us)
+            if self._admit(event, now_ns, timing)
         ]
         if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
             self._looked_ns = now_ns
-            updates += map(self._number, self._summaries(now_ns, detected_us))
+            updates += map(self._number, self._summaries(now_ns, timing.detected_us))
         return updates
 
     def end(self, event: Event, now_us: int) -> EventUpdate:
@@ -96,34 +91,34 @@ class EventUpdates:
         numbered = event.model_copy(update={"instance": self._identity.instance, "sequence": self._sequence})
         return self.again(numbered)
 
-    def _admit(self, event: AnomalyEvent, now_ns: int, detected_us: int) -> bool:
+    def _admit(self, event: AnomalyEvent, now_ns: int, timing: Timing) -> bool:
         """Whether an event is published as it is; otherwise it is counted."""
         suspect = self._suspects.get(event.suspect)
         if suspect is None:
             suspect = self._suspects[event.suspect] = _Suspect(float(self._burst), now_ns)
-        if event.phase == Phase.ONSET:
+        if event.phase is OfEngine.ONSET:
             refill = (now_ns - suspect.refilled_ns) / self._refill_ns
             suspect.events_left = min(self._burst, suspect.events_left + max(0.0, refill))
             suspect.refilled_ns = now_ns
             if suspect.events_left >= 1.0 and suspect.summary is None:
                 suspect.events_left -= 1.0
                 return True
-            self._count(suspect, event, now_ns, detected_us)
+            self._count(suspect, event, now_ns, timing)
             return False
         if event.event_id not in suspect.summarised:
             return True
         suspect.newest_ns = now_ns
-        if event.phase == Phase.CLEARED:
+        if event.phase is OfEngine.CLEARED:
             suspect.summarised.discard(event.event_id)
         return False
 
-    def _count(self, suspect: _Suspect, event: AnomalyEvent, now_ns: int, detected_us: int) -> None:
+    def _count(self, suspect: _Suspect, event: AnomalyEvent, now_ns: int, timing: Timing) -> None:
         self.summarised += 1
         suspect.summarised.add(event.event_id)
         suspect.counted += 1
         suspect.newest_ns = now_ns
         if suspect.summary is None:
-            suspect.summary = event_message(event, self._identity, detected_us, {})
+            suspect.summary = event_message(event, self._identity, timing)
 
     def _summaries(self, now_ns: int, detected_us: int) -> Iterator[Event]:
         """Yield the summaries that are due, and drop suspects whose quota is whole again."""

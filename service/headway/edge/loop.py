@@ -11,16 +11,15 @@ import structlog
 
 from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
-from headway.core.types.step_result import AnomalyEvent, StepResult
+from headway.core.types.step_result import StepResult
 from headway.edge.codec.decoder import Decoded
-from headway.edge.codec.messages import DETAILS, encode, rejected_copy
+from headway.edge.codec.messages import DETAILS, Timing, encode, rejected_copy
 from headway.edge.context import ServiceContext
 from headway.edge.event_updates import EventUpdates
 from headway.edge.storage.journal import EventUpdate, Resumed
 from headway.edge.telemetry.reporter import Reporter
 from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway.edge.transport.ports import Channel
-from headway_schemas.event import Stage
 
 _log: Final = structlog.get_logger(__name__)
 _WARMING: Final = np.uint8(Outcome.WARMING)
@@ -134,17 +133,19 @@ class ServiceLoop:
         health.connected, health.subscribed, health.last_iteration_ns = connected, self._bus.subscribed, now_ns
 
     def _detect(self, messages: list[ReceivedMessage], drained_ns: int) -> None:
-        drained_us = self._clock.wall_us()
-        decoded = self._codec.decode(messages)
+        drained_us = self._clock.local_us()
+        clock_offset_us = self._clock.wall_us() - drained_us
+        decoded = self._codec.decode(messages, clock_offset_us)
         decoded_ns = self._clock.monotonic_ns()
-        result = self._engine.step(decoded.batch, self._received_until_us(messages, drained_us))
+        result = self._engine.step(decoded.batch, self._received_until_us(messages, drained_us), clock_offset_us)
         detected_ns = self._clock.monotonic_ns()
         decode_us, detect_us = (decoded_ns - drained_ns) / 1e3, (detected_ns - decoded_ns) / 1e3
-        self._publish_events(result.events, drained_us, int(decode_us), int(detect_us))
+        timing = Timing(drained_us, clock_offset_us, int(decode_us), int(detect_us))
+        self._publish(self._event_updates.of(result.events, drained_ns, timing))
         self._publish_rejections(decoded, messages, result, drained_ns)
         self._ledger.record(len(messages), decoded.rejections, result, self._bus.shed_records)
         publish_us = (self._clock.monotonic_ns() - detected_ns) / 1e3
-        ages_us: F64 = (drained_us + decode_us + detect_us) - decoded.batch.t_us.astype(np.float64)
+        ages_us: F64 = (drained_us + clock_offset_us + decode_us + detect_us) - decoded.batch.t_us.astype(np.float64)
         self._latencies.record(_waits_us(decoded, messages, drained_ns), ages_us, decode_us, detect_us, publish_us)
 
     def _received_until_us(self, messages: list[ReceivedMessage], drained_us: int) -> int:
@@ -159,13 +160,8 @@ class ServiceLoop:
             self._engine.ignore_gaps_before(until_us)
         return until_us
 
-    def _publish_events(self, events: list[AnomalyEvent], drained_us: int, decode_us: int, detect_us: int) -> None:
-        """Publish event updates; with persistence only after the journal has committed them."""
-        latency_us = {Stage.DECODE: decode_us, Stage.DETECT: detect_us}
-        detected_us = drained_us + decode_us + detect_us
-        self._publish(self._event_updates.of(events, self._iteration_ns, detected_us, latency_us))
-
     def _publish(self, updates: list[EventUpdate]) -> None:
+        """Publish event updates; with persistence only after the journal has committed them."""
         if self._persistence is not None and updates:
             self._persistence.put(updates)
             return

@@ -6,7 +6,7 @@ from pathlib import Path
 from edge.stub import event
 from sim.rig import IDENTITY, KEYS
 
-from headway.edge.codec.messages import encode, event_message
+from headway.edge.codec.messages import Timing, encode, event_message
 from headway.edge.storage.journal import EventUpdate
 from headway.edge.storage.journal_query import page
 from headway_schemas.query import AlertsQuery
@@ -15,7 +15,7 @@ from headway_schemas.query import AlertsQuery
 def update(detected_us: int, sequence: int = 1, **changes) -> EventUpdate:
     """Return an update that was detected then; unless told, with an `event_id` and `t_us` of its own."""
     of = {"event_id": f"e{detected_us}", "t_us": detected_us} | changes
-    message = event_message(event(**of), IDENTITY, detected_us, {})
+    message = event_message(event(**of), IDENTITY, Timing(detected_us, 0, 0, 0))
     message = message.model_copy(update={"instance": IDENTITY.instance, "sequence": sequence})
     return EventUpdate(message, KEYS.alert(message.kind, message.suspect), encode(message))
 

@@ -30,11 +30,11 @@ class RoundProcessor:
         self._ingest, self._finalise = bind_signature(ingest), bind_signature(finalise)
         self._step_batch = bind_signature(site.model.step_batch)
 
-    def process(self, batch: Batch, now_us: int, tally: StepTally) -> NDArray[np.uint8]:
+    def process(self, batch: Batch, now_us: int, clock_offset_us: int, tally: StepTally) -> NDArray[np.uint8]:
         """Return (B,) the outcome of each record of a batch, B > 0; `now_us` is the local time."""
         site, outcomes = self._site, np.empty(len(batch), np.uint8)
         max_age_us, max_ahead_us = site.config.max_age_s * 1e6, site.config.max_ahead_s * 1e6
-        reject_by_age(batch.t_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
+        reject_by_age(batch.t_us - clock_offset_us, batch.received_us, max_age_us, max_ahead_us, outcomes)
         rows = self._assign_rows(batch, outcomes)
         declared_rows = site.vehicles.rows(batch.leader_ids)
         site.reception.record(batch.received_us)

@@ -112,13 +112,18 @@ class Codec:
         self._keys = keys
         self._payload_max_bytes = payload_max_bytes
         self._bundle_max = bundle_max
+        self._clock_offset_us = 0
         self._reader = Reader(bundle_max)
         self._owners: dict[str, bytes] = {}
         """By key, padded."""
         self._ids: set[str] = set()
 
-    def decode(self, messages: Sequence[ReceivedMessage]) -> Decoded:
-        """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises."""
+    def decode(self, messages: Sequence[ReceivedMessage], clock_offset_us: int = 0) -> Decoded:
+        """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises.
+
+        `clock_offset_us` takes the local receive time to Unix time.
+        """
+        self._clock_offset_us = clock_offset_us
         return self._decode_compact(messages) or self._decode_any(messages)
 
     def warm_up(self) -> None:
@@ -209,7 +214,7 @@ class Codec:
                     rejections.append(Rejection(reason, message))
                     continue
                 owner = self._cache_owner(key)
-            records = self._reader.read(payload, encoding, received_us)
+            records = self._reader.read(payload, encoding, received_us + self._clock_offset_us)
             if type(records) is RejectedPayload:
                 rejections.append(Rejection(records.reason, message, count=records.size))
                 continue

@@ -1,11 +1,11 @@
 """What the service tells, as messages of the wire contract."""
 
-from collections.abc import Iterator, Mapping
-from typing import Any, Final
+from collections.abc import Iterator
+from typing import Any, Final, NamedTuple
 
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Sensor
-from headway.core.types.step_result import AnomalyEvent, PairStates
+from headway.core.types.step_result import AnomalyEvent, PairStates, Phase
 from headway.edge.codec.evidence import to_wire
 from headway.edge.identity import Identity
 from headway.edge.transport.message import Rejection
@@ -32,13 +32,31 @@ _ETSI_TARGET: Final = {
 }
 
 
-def event_message(
-    event: AnomalyEvent, identity: Identity, detected_us: int, latency_us: Mapping[wire.Stage, int]
-) -> wire.Event:
-    """Return what goes to the alert topic. `latency_us` lacks the stages that the event itself tells.
+class Timing(NamedTuple):
+    """When a batch was processed; durations in microseconds."""
 
-    The evidence goes with the onset: it is the reading that the event began with.
-    """
+    drained_us: int
+    """Local time at which the batch left the queue."""
+    clock_offset_us: int
+    """Takes local time to Unix time."""
+    decode_us: int
+    detect_us: int
+
+    @property
+    def detected_us(self) -> int:
+        """Unix time at which the detector was done."""
+        return self.drained_us + self.clock_offset_us + self.decode_us + self.detect_us
+
+
+def event_message(event: AnomalyEvent, identity: Identity, timing: Timing) -> wire.Event:
+    """Return what goes to the alert topic; the evidence, which is of the first reading, goes with the onset."""
+    latency_us = {
+        wire.Stage.WIRE: event.received_us + timing.clock_offset_us - event.t_us,
+        wire.Stage.DECODE: timing.decode_us,
+        wire.Stage.DETECT: timing.detect_us,
+    }
+    if event.evidence is not None:
+        latency_us[wire.Stage.QUEUE] = timing.drained_us - event.received_us
     x_m, v_mps, x_std_m, v_std_mps = event.recovered
     return wire.Event(
         event_id=event.event_id,
@@ -50,19 +68,19 @@ def event_message(
         follower=event.follower,
         site=identity.site,
         t_us=event.t_us,
-        detected_us=detected_us,
+        detected_us=timing.detected_us,
         nis=event.nis,
         statistic=event.statistic,
         gate=event.gate,
         p_value=event.p_value,
         innovation=wire.Innovation(x_m=event.nu[0], v_mps=event.nu[1]),
         recovered=wire.Recovered(x_m=x_m, v_mps=v_mps, x_std_m=x_std_m, v_std_mps=v_std_mps),
-        latency_us={wire.Stage.WIRE: event.received_us - event.t_us, **latency_us},
+        latency_us=latency_us,
         model=identity.model,
         config_hash=identity.config_hash,
         confidence=event.confidence,
         etsi_target=_ETSI_TARGET.get(event.sensor),
-        evidence=to_wire(event.evidence, identity) if event.evidence and event.phase == wire.Phase.ONSET else None,
+        evidence=to_wire(event.evidence, identity) if event.evidence and event.phase is Phase.ONSET else None,
     )
 
 

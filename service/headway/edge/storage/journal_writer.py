@@ -64,9 +64,7 @@ class JournalWriter:
         self._unpublished: deque[_Batch] = deque()
         self._put = self._taken = self._overflowed = self._prune_debt = 0
         self._handed: deque[tuple[int, int]] = deque()
-        self._start_us, self._start_ns = clock.wall_us(), clock.monotonic_ns()
-        self._ageing_ns = self._start_ns
-        self._checked_ns = self._start_ns
+        self._ageing_ns = self._checked_ns = clock.monotonic_ns()
         self._is_damaged = False
         self.written = 0
         """Updates written to the journal."""
@@ -212,7 +210,7 @@ class JournalWriter:
     def _prune_step(self) -> None:
         """Prune by the earlier of two clocks, so that a clock that leaps ahead deletes nothing."""
         now_ns = self._clock.monotonic_ns()
-        now_us = min(self._clock.wall_us(), self._start_us + (now_ns - self._start_ns) // 1000)
+        now_us = min(self._clock.wall_us(), self._clock.local_us())
         while pruned := self._journal.prune(now_us if now_ns >= self._ageing_ns else 0):
             self.pruned += pruned
             if not self._queue.empty():

@@ -78,7 +78,7 @@ class Snapshots:
         except (OSError, ValueError) as error:
             _log.warning("snapshot not used; all vehicles warm up again", file=str(self._path), reason=str(error))
             return 0
-        vehicles = self._engine.restore(snapshot, self._clock.wall_us())
+        vehicles = self._engine.restore(snapshot, self._clock.local_us())
         _log.info("snapshot loaded", vehicles=vehicles, of=len(snapshot.ids))
         return vehicles
 

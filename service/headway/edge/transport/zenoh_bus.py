@@ -169,7 +169,7 @@ class ZenohBus:
 
     def _declare(self, session: zenoh.Session) -> None:
         keys = self._keys
-        self._polled_us, self._polled_ns = self._clock.wall_us(), self._clock.monotonic_ns()
+        self._polled_us, self._polled_ns = self._clock.local_us(), self._clock.monotonic_ns()
         self._declared = [
             session.info.declare_transport_events_listener(self._on_transport, history=True),
             self._watch_subscribers(session, Channel.STATE, keys.every_pair_state),
@@ -281,9 +281,9 @@ class ZenohBus:
         """Receive what arrived since the last poll; its receive time is the middle between the two polls."""
         if self._incoming is None:
             return
-        wall_us, monotonic_ns = self._clock.wall_us(), self._clock.monotonic_ns()
-        received_us, received_ns = (self._polled_us + wall_us) // 2, (self._polled_ns + monotonic_ns) // 2
-        self._polled_us, self._polled_ns = wall_us, monotonic_ns
+        local_us, monotonic_ns = self._clock.local_us(), self._clock.monotonic_ns()
+        received_us, received_ns = (self._polled_us + local_us) // 2, (self._polled_ns + monotonic_ns) // 2
+        self._polled_us, self._polled_ns = local_us, monotonic_ns
         receive, new, kind_put = self._incoming.try_recv, tuple.__new__, zenoh.SampleKind.PUT
         messages = []
         try:
