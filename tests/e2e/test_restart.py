@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from e2e.serving import KEYS, Service, drive, without_headway
+from edge.storage.updates import stored
 from sim.loopback import session
 from sim.until import until
 
@@ -34,14 +35,6 @@ def started(tmp_path: Path):
 def asked(client: zenoh.Session, query: AlertsQuery) -> list[Event]:
     [reply] = list(client.get(f"{KEYS.alerts}?{query.to_parameters()}", timeout=20.0))
     return EVENTS.validate_json(reply.ok.payload.to_bytes())
-
-
-def stored(updates: list[Event]) -> list[Event]:
-    """Return what the journal keeps of updates in their order: of each event the onset, the newest update, the end."""
-    newest = {(event.event_id, event.phase): event for event in updates}
-    ended = {event.event_id for event in updates if event.phase is Phase.CLEARED}
-    kept = [event for event in newest.values() if not (event.phase is Phase.UPDATE and event.event_id in ended)]
-    return sorted(kept, key=lambda event: event.sequence, reverse=True)
 
 
 def explained(event_id: str, *options: str) -> dict:

@@ -66,7 +66,7 @@ class SimWorld:
             now_s = clock.monotonic_ns() / 1e9
             while self._air and self._air[0][0] <= now_s:
                 _, _, received, records, reason = heapq.heappop(self._air)
-                bus.deliver(received._replace(received_us=clock.wall_us(), received_ns=clock.monotonic_ns()))
+                bus.deliver(received._replace(received_us=clock.local_us(), received_ns=clock.monotonic_ns()))
                 self.records += records
                 if reason is not None:
                     self.spoilt[reason] += records

@@ -9,6 +9,7 @@ from sim.rig import IDENTITY, KEYS
 from headway.edge.codec.messages import Timing, encode, event_message
 from headway.edge.storage.journal import EventUpdate
 from headway.edge.storage.journal_query import page
+from headway_schemas.event import Event, Phase
 from headway_schemas.query import AlertsQuery
 
 
@@ -30,3 +31,11 @@ def found(path: Path, **asked) -> list[dict]:
 
 def detected(path: Path, **asked) -> list[int]:
     return [told["detected_us"] for told in found(path, **asked)]
+
+
+def stored(updates: list[Event]) -> list[Event]:
+    """Return what the journal keeps of updates in their order: of each event the onset, the newest update, the end."""
+    newest = {(event.event_id, event.phase): event for event in updates}
+    ended = {event.event_id for event in updates if event.phase is Phase.CLEARED}
+    kept = [event for event in newest.values() if not (event.phase is Phase.UPDATE and event.event_id in ended)]
+    return sorted(kept, key=lambda event: event.sequence, reverse=True)

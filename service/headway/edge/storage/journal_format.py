@@ -5,7 +5,7 @@ import sqlite3
 import zlib
 from enum import StrEnum, unique
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 FORMAT: Final = 2
 """`user_version` of the file."""
@@ -161,7 +161,7 @@ def require_format(db: sqlite3.Connection) -> None:
         raise OtherFormatError(found)
 
 
-def number(db: sqlite3.Connection, sql: str, *parameters: Any) -> int:
+def number(db: sqlite3.Connection, sql: str, *parameters: str) -> int:
     """Return the one number that answers an SQL query; 0 for NULL."""
     return int(db.execute(sql, parameters).fetchone()[0] or 0)
 
