@@ -22,7 +22,7 @@ from headway.core.types.records import Kind, Sensor
 from headway.core.types.step_result import AnomalyEvent, RecordVerdicts
 from headway.edge.codec.decoder import Codec, DecodedRecords
 from headway.edge.codec.evidence import parameters
-from headway.edge.codec.messages import event_message
+from headway.edge.codec.messages import Timing, event_message
 from headway.edge.codec.payload import record_of
 from headway.edge.identity import Identity
 from headway.gateways.recordings.columns import RECEIVED, columns_of, records_of
@@ -140,7 +140,7 @@ class Detector:
             self._now_us = max(self._now_us, int(batch.received_us[piece].max()))
             part = Batch(**{name: getattr(batch, name)[piece] for name in Batch.__dataclass_fields__})
             into = RecordVerdicts(found.verdicts[piece], found.readings[piece], found.leader_ids[piece])
-            result = self._engine.step(part, self._now_us, into)
+            result = self._engine.step(part, self._now_us, out=into)
             outcomes[piece] = result.outcomes
             events += self._events(result.events)
         return events
@@ -149,7 +149,7 @@ class Detector:
         made = []
         for event in events:
             detected_us = event.received_us if event.evidence is not None else self._now_us
-            made.append(event_message(event, self._identity, detected_us, {}))
+            made.append(event_message(event, self._identity, Timing(detected_us, 0, 0, 0)))
         return made
 
 

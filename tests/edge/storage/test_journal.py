@@ -139,19 +139,6 @@ def test_what_is_too_old_is_pruned_a_step_at_a_time(path: Path) -> None:
 
 def test_of_too_much_the_oldest_evidence_goes_first_then_details_then_events(path: Path) -> None:
     writer = journal_at(path, megabytes=1.0)
-<<<<<<< HEAD
-    for n in range(1, 1_201):
-        writer.write([update(n)])
-    while writer.prune(2_000):
-        pass
-    assert writer.used_bytes <= 1_000_000
-    kept = detected(path, limit=1000)
-    assert 100 < len(kept) < 1_000
-    assert kept == list(range(1_200, 1_200 - len(kept), -1))
-    for n in range(1_201, 3_001):
-        writer.write([update(n)])
-        writer.prune(3_001)
-=======
     for first in range(1, 3_001, 100):
         phases = (Phase.ONSET, Phase.CLEARED)
         writer.write([update(n, event_id=f"e{n}", phase=phase) for n in range(first, first + 100) for phase in phases])
@@ -168,7 +155,6 @@ def test_of_too_much_the_oldest_evidence_goes_first_then_details_then_events(pat
         "event_id": f"e{3_001 - len(kept)}", "phase": "cleared", "kind": "bias", "suspect": "car1",
         "t_us": 3_001 - len(kept),
     }  # fmt: skip
->>>>>>> add5aba (Journal: evidence once an event, three rows an event, quotas for suspects, numbered updates, nothing lost or left open over a restart, no deletion by a clock that leaps)
     assert path.stat().st_size < 2_000_000
 
 
