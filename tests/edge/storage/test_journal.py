@@ -159,7 +159,7 @@ def test_of_too_much_the_oldest_evidence_goes_first_then_details_then_events(pat
 
 
 def test_a_month_of_the_alarms_of_a_thousand_vehicles_fits(path: Path) -> None:
-    """At one an hour and vehicle 720,000 events, of which each may take 1,380 bytes of 1 GB once it is old."""
+    """At one an hour and vehicle 720,000 events: of two updates each, in 1 GB."""
     writer = journal_at(path, megabytes=1.0)
     phases = (Phase.ONSET, Phase.CLEARED)
     writer.write([update(n, event_id=f"car1-{n}", phase=phase) for n in range(1, 1_001) for phase in phases])

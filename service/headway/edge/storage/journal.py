@@ -3,8 +3,8 @@
 The journal never decides whether an alert is published. What cannot be written is published and counted.
 
 An event has at most three rows: its onset, its newest update and its end. The evidence is stored once, with the onset.
-When the file is too large, the oldest evidence goes first, then the details of the oldest events that have ended, and
-only then whole events.
+When the file is too large, the oldest evidence goes first, then the details of the oldest updates, and only then the
+updates themselves.
 """
 
 import sqlite3
@@ -47,11 +47,8 @@ of the journal at 10 kB an event."""
 _REDUCTIONS: Final = (
     """DELETE FROM evidence WHERE update_id IN
        (SELECT update_id FROM evidence WHERE update_id <= :whole ORDER BY update_id LIMIT :limit)""",
-    """DELETE FROM updates WHERE id IN
-       (SELECT u.id FROM updates u JOIN updates c ON c.event_id = u.event_id AND c.phase = 'cleared'
-        WHERE u.phase <> 'cleared' AND u.id <= :whole ORDER BY u.id LIMIT :limit)""",
-    """UPDATE updates SET event = NULL WHERE id IN
-       (SELECT id FROM updates WHERE event NOT NULL AND id <= :whole ORDER BY id LIMIT :limit)""",
+    """DELETE FROM details WHERE update_id IN
+       (SELECT update_id FROM details WHERE update_id <= :whole ORDER BY update_id LIMIT :limit)""",
     "DELETE FROM updates WHERE id IN (SELECT id FROM updates ORDER BY id LIMIT :limit)",
 )
 """What goes when the journal is too large, least missed first; `whole` is the newest row that may lose anything."""
@@ -160,7 +157,7 @@ class Journal:
             self.close()
         with self._recovering():
             db = self._opened()
-            db.execute("SELECT event FROM updates ORDER BY id DESC LIMIT 1").fetchall()
+            db.execute("SELECT event FROM details ORDER BY update_id DESC LIMIT 1").fetchall()
             with closing(sqlite3.connect(f"{self._path.absolute().as_uri()}?mode=ro", uri=True)) as fresh:
                 require_format(fresh)
         return is_same
@@ -182,7 +179,7 @@ class Journal:
                 newest_us=number(db, "SELECT max(detected_us) FROM updates"),
                 sequence=number(db, "SELECT max(sequence) FROM updates WHERE site = ? AND instance = ?", *of),
                 unpublished=_events(db, f"{WHOLE} WHERE updates.id IN ({_UNPUBLISHED}) ORDER BY updates.id", of + of),
-                open_events=_events(db, f"{BRIEF} WHERE id IN ({_OPEN_EVENTS}) ORDER BY id", of),
+                open_events=_events(db, f"{BRIEF} WHERE updates.id IN ({_OPEN_EVENTS}) ORDER BY updates.id", of),
             )
 
     def close(self) -> None:
@@ -249,12 +246,14 @@ class Journal:
     def _write(self, db: sqlite3.Connection, update: EventUpdate) -> int:
         event = update.event
         if event.phase is not Phase.ONSET:
-            replaced = "DELETE FROM updates WHERE event_id = ? AND site = ? AND phase = 'update'"
-            db.execute(replaced, (event.event_id, event.site))
+            replaced = "SELECT id FROM updates WHERE event_id = ? AND site = ? AND phase = 'update'"
+            for (row,) in db.execute(replaced, (event.event_id, event.site)).fetchall():
+                _delete(db, row)
         text, _, evidence = update.payload.decode().partition(',"evidence":')
         columns = [getattr(event, name) for name in COLUMNS]
-        row = db.execute(INSERT, [*columns, text + "}"]).lastrowid
+        row = db.execute(INSERT, columns).lastrowid
         assert row is not None
+        db.execute("INSERT INTO details VALUES (?, ?)", (row, text + "}"))
         if event.evidence is not None:
             readings, _, rest = evidence.partition(',"checkpoint":')
             _, _, parameters = rest.partition(',"parameters":')
@@ -275,10 +274,18 @@ class Journal:
 
 
 def _delete_before(db: sqlite3.Connection, oldest_us: int) -> int:
-    """Delete the oldest updates that were detected before an instant, with their evidence; return how many."""
+    """Delete the oldest updates that were detected before an instant; return how many."""
     aged = "SELECT id FROM updates WHERE detected_us < ? ORDER BY detected_us LIMIT ?"
-    db.execute(f"DELETE FROM evidence WHERE update_id IN ({aged})", (oldest_us, PRUNE_AT_ONCE))  # noqa: S608
-    return db.execute(f"DELETE FROM updates WHERE id IN ({aged})", (oldest_us, PRUNE_AT_ONCE)).rowcount  # noqa: S608
+    rows = db.execute(aged, (oldest_us, PRUNE_AT_ONCE)).fetchall()
+    for (row,) in rows:
+        _delete(db, row)
+    return len(rows)
+
+
+def _delete(db: sqlite3.Connection, row: int) -> None:
+    """Delete an update with its details and evidence."""
+    for sql in ("updates WHERE id", "details WHERE update_id", "evidence WHERE update_id"):
+        db.execute(f"DELETE FROM {sql} = ?", (row,))  # noqa: S608
 
 
 def _events(db: sqlite3.Connection, sql: str, parameters: tuple[str, ...]) -> tuple[Event, ...]:

@@ -24,9 +24,9 @@ CREATE TABLE updates (
     site TEXT NOT NULL, instance TEXT, sequence INTEGER,
     detected_us INTEGER NOT NULL, t_us INTEGER NOT NULL, event_id TEXT NOT NULL, phase TEXT NOT NULL,
     kind TEXT NOT NULL, sensor TEXT NOT NULL, suspect TEXT NOT NULL, follower TEXT NOT NULL, leader TEXT,
-    model TEXT NOT NULL, config_hash TEXT NOT NULL,
-    event TEXT
+    model TEXT NOT NULL, config_hash TEXT NOT NULL
 );
+CREATE TABLE details (update_id INTEGER PRIMARY KEY, event TEXT NOT NULL);
 CREATE TABLE evidence (
     update_id INTEGER PRIMARY KEY, readings TEXT NOT NULL, checkpoint BLOB, config INTEGER NOT NULL REFERENCES configs
 );
@@ -34,7 +34,7 @@ CREATE TABLE published (site TEXT, instance TEXT, update_id INTEGER NOT NULL, PR
 CREATE INDEX by_time ON updates (detected_us);
 CREATE INDEX by_event ON updates (event_id);
 """
-"""`updates.event` is the JSON of an update without its evidence; null once only the columns are left.
+"""`details.event` is the JSON of an update without its evidence; missing once only the columns are left.
 
 `evidence.readings` is JSON, an object of `columns` and `readings`; `checkpoint` is compressed by zlib.
 """
@@ -44,7 +44,7 @@ COLUMNS: Final = (
     "kind", "sensor", "suspect", "follower", "leader", "model", "config_hash",
 )  # fmt: skip
 """Fields of an event that have columns of their own."""
-INSERT: Final = f"INSERT INTO updates ({', '.join(COLUMNS)}, event) VALUES ({', '.join('?' * (len(COLUMNS) + 1))})"  # noqa: S608
+INSERT: Final = f"INSERT INTO updates ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"  # noqa: S608
 
 
 @unique
@@ -134,8 +134,9 @@ class StoredRow(NamedTuple):
 
 _COLUMNS_JSON: Final = "json_object({})".format(", ".join(f"'{name}', updates.{name}" for name in COLUMNS))
 _EVENT: Final = f"updates.id, detected_us, event, CASE WHEN event IS NULL THEN {_COLUMNS_JSON} END"
-BRIEF: Final = f"SELECT {_EVENT}, NULL, NULL, NULL FROM updates"  # noqa: S608
-WHOLE: Final = f"""SELECT {_EVENT}, readings, checkpoint, parameters FROM updates
+_FROM: Final = "updates LEFT JOIN details ON details.update_id = updates.id"
+BRIEF: Final = f"SELECT {_EVENT}, NULL, NULL, NULL FROM {_FROM}"  # noqa: S608
+WHOLE: Final = f"""SELECT {_EVENT}, readings, checkpoint, parameters FROM {_FROM}
 LEFT JOIN evidence ON evidence.update_id = updates.id LEFT JOIN configs ON configs.id = evidence.config"""  # noqa: S608
 """SQL of `StoredRow`s without and with evidence, to which conditions are added."""
 
