@@ -5,7 +5,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from headway.core.estimation.imm.modes import HEALTHY, PRUNE_DOUBLES_ABOVE, SINGLE_FAULT_MODES
+from headway.core.estimation.imm.modes import HEALTHY, SINGLE_FAULT_MODES
+from headway.core.estimation.imm.state import PRUNE_DOUBLES_ABOVE
 from headway.core.estimation.imm.step import headway_dtype, headway_params, step_row
 from headway.core.runtime.rows import readings, verdicts
 from headway.core.types.config import DetectorConfig
@@ -57,11 +58,8 @@ def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
         assert row["mode_probability"].min() > 0.0
         assert np.isfinite(row["single"]).all()
         assert np.isfinite(row["double"]).all()
-        for m in (
-            row["single"].T[:SINGLE_FAULT_MODES]
-            if row["mode_probability"][HEALTHY] > PRUNE_DOUBLES_ABOVE
-            else [*row["single"].T[:SINGLE_FAULT_MODES], *row["double"].T]
-        ):
+        doubles = row["double"].T if row["mode_probability"][HEALTHY] <= PRUNE_DOUBLES_ABOVE else []
+        for m in [*row["single"].T[:SINGLE_FAULT_MODES], *doubles]:
             cov = np.zeros((5, 5))
             cov[TRIANGLE] = m[5:]
             cov = cov + np.triu(cov, 1).T

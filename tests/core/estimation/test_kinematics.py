@@ -1,4 +1,4 @@
-"""One hypothesis against matrices."""
+"""One filter against matrices."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ WIDTH = 8
 
 
 def beside(*ms):
-    """Return these filters as lanes; the other lanes hold the last of them."""
+    """Return these filters as columns; the other columns hold the last of them."""
     made = np.zeros(1, filters(WIDTH))[0]
     made["m"][:] = np.stack([*ms, *[ms[-1]] * (WIDTH - len(ms))], axis=1)
     reset_likelihood(made)
@@ -79,7 +79,7 @@ def test_a_reading_is_a_kalman_update_and_notes_its_likelihood(sensor: int, faul
     S = H @ cov @ H + 0.2
     K = cov @ H / S
     together = beside(random_filter(np.random.default_rng(9)), m)
-    update_scalar(together, sensor, 1.5, 0.2, 0.3, NO_COLUMN, NO_COLUMN, 1 if faulty else NO_COLUMN, NO_COLUMN)
+    update_scalar(together, sensor, 1.5, 0.2, 0.3, ((NO_COLUMN, NO_COLUMN), (1 if faulty else NO_COLUMN, NO_COLUMN)))
     assert likelihood(together, 1) == pytest.approx(norm.pdf(1.5, H @ mean, np.sqrt(S)))
     got_mean, got_cov = unpacked(together["m"][:, 1])
     np.testing.assert_allclose(got_mean, mean + K * (1.5 - H @ mean), rtol=1e-10)
@@ -87,7 +87,7 @@ def test_a_reading_is_a_kalman_update_and_notes_its_likelihood(sensor: int, faul
 
 
 @pytest.mark.parametrize("sensor", [0, 1])
-def test_an_accused_sensor_is_one_with_a_diffuse_offset(sensor: int) -> None:
+def test_an_offset_set_from_a_reading_is_a_diffuse_one(sensor: int) -> None:
     """The limit of an update with an offset of no prior knowledge, a variance of 1e8."""
     m = random_filter(np.random.default_rng(2))
     mean, cov = unpacked(m)
@@ -95,17 +95,17 @@ def test_an_accused_sensor_is_one_with_a_diffuse_offset(sensor: int) -> None:
     mean[3:] = 0.0
     cov[3, 3] = 1e8
     together = beside(packed(mean, cov), m)
-    update_scalar(together, sensor, 3.0, 0.2, 0.3, 1, NO_COLUMN, 0, NO_COLUMN)
+    update_scalar(together, sensor, 3.0, 0.2, 0.3, ((1, NO_COLUMN), (0, NO_COLUMN)))
     set_offset(together["m"], 1, sensor, 3.0, 0.2)
     np.testing.assert_allclose(together["m"][:, 1], together["m"][:, 0], atol=1e-5)
 
 
-def test_a_reading_that_is_not_heard_has_heavy_tails_and_changes_nothing() -> None:
+def test_an_excluded_reading_has_heavy_tails_and_changes_nothing() -> None:
     m = random_filter(np.random.default_rng(3))
     mean, cov = unpacked(m)
     for z in (0.0, 1.0, 50.0):
         together = beside(m)
-        update_scalar(together, 1, z, 0.2, 0.3, 2, 5, NO_COLUMN, NO_COLUMN)
+        update_scalar(together, 1, z, 0.2, 0.3, ((2, 5), (NO_COLUMN, NO_COLUMN)))
         expected = t.pdf(z, 2, mean[1], np.sqrt(cov[1, 1] + 0.2 + 0.3**2))
         for j in (2, 5):
             assert likelihood(together, j) == pytest.approx(expected)
@@ -113,7 +113,7 @@ def test_a_reading_that_is_not_heard_has_heavy_tails_and_changes_nothing() -> No
         assert (together["m"][:, 3] != m).any()
 
 
-def test_merging_keeps_mean_and_covariance_of_the_mixture() -> None:
+def test_moment_matching_keeps_mean_and_covariance_of_the_mixture() -> None:
     rng = np.random.default_rng(4)
     a, b = random_filter(rng), random_filter(rng)
     (mean_a, cov_a), (mean_b, cov_b) = unpacked(a), unpacked(b)
@@ -121,12 +121,12 @@ def test_merging_keeps_mean_and_covariance_of_the_mixture() -> None:
     spread = [np.outer(d, d) for d in (mean_a - mean, mean_b - mean)]
     together = beside(a, b)["m"]
     assert moment_match_weighted(together, 0, 0.3, together, 1, 0.1) == pytest.approx(0.4)
-    merged = unpacked(together[:, 0])
-    np.testing.assert_allclose(merged[0], mean, rtol=1e-12)
-    np.testing.assert_allclose(merged[1], 0.75 * (cov_a + spread[0]) + 0.25 * (cov_b + spread[1]), rtol=1e-10)
+    matched = unpacked(together[:, 0])
+    np.testing.assert_allclose(matched[0], mean, rtol=1e-12)
+    np.testing.assert_allclose(matched[1], 0.75 * (cov_a + spread[0]) + 0.25 * (cov_b + spread[1]), rtol=1e-10)
 
 
-def test_a_share_too_small_to_matter_is_not_merged() -> None:
+def test_a_share_too_small_to_matter_is_left_out() -> None:
     rng = np.random.default_rng(5)
     a, b = random_filter(rng), random_filter(rng)
     together = beside(a, b)["m"]
@@ -134,7 +134,7 @@ def test_a_share_too_small_to_matter_is_not_merged() -> None:
     np.testing.assert_array_equal(together[:, 0], a)
 
 
-def test_a_covariance_that_rounding_has_broken_is_mended_and_no_other_touched() -> None:
+def test_a_covariance_that_rounding_has_broken_is_repaired_and_no_other_touched() -> None:
     good = random_filter(np.random.default_rng(6))
     broken = good.copy()
     broken[5], broken[10], broken[6] = 1.0, 1.0, 1.5

@@ -12,7 +12,7 @@ from scipy.special import chdtri
 
 from headway.core.estimation.delayed_ekf import isolate
 from headway.core.estimation.kinematics import (
-    NO_COLUMN,
+    NO_ROLES,
     PX,
     VV,
     VX,
@@ -106,8 +106,8 @@ def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
             anew = row.rejections >= p.rejections_max
             verdict.restarted = anew
         else:
-            update_scalar(row.estimate, Z_POSITION, z.x_m, p.r_x, 0.0, NO_COLUMN, NO_COLUMN, NO_COLUMN, NO_COLUMN)
-            update_scalar(row.estimate, Z_SPEED, z.v_mps, p.r_v, 0.0, NO_COLUMN, NO_COLUMN, NO_COLUMN, NO_COLUMN)
+            update_scalar(row.estimate, Z_POSITION, z.x_m, p.r_x, 0.0, NO_ROLES)
+            update_scalar(row.estimate, Z_SPEED, z.v_mps, p.r_v, 0.0, NO_ROLES)
             row.rejections = 0
             close(row.episode)
     if anew:

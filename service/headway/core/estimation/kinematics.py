@@ -1,18 +1,18 @@
-"""Kalman filters for one car whose one sensor may lie by an offset, several of them side by side.
+"""Kalman filters of one vehicle with an offset in one sensor, several filters side by side.
 
-State of a filter: location x, speed v, acceleration a of the car; offset b of the sensor that lies, and its slope s.
-Motion is exact in x' = v, with white jerk of density q (m^2/s^5); a lie is a straight line in time:
+State of a filter: position x, speed v, acceleration a of the vehicle; offset b of the faulty sensor, and its slope s.
+The motion is white jerk of density q (m^2/s^5), and the offset is a straight line in time:
 
     x' = v    v' = a    a' = jerk    b' = s    s' = 0
 
-Filters are columns ("lanes") of an array m (SIZE, width), whose rows are the five means and the upper triangle of the
-covariance, by the names below: what is done to all lanes alike is a loop that the compiler turns into vector
-instructions. For that the width must be part of the type, so such functions take the record that holds m (`filters`);
-eight lanes fill a register, and what they are computed with is in the same record or a scalar.
-Sensors are taken one after the other (scalar updates), so that a bad one can be left out.
+A filter is a column of an array m (SIZE, width). The rows are the five means and the upper triangle of the covariance,
+by the names below. A loop over all columns becomes vector instructions if the width is part of the type, so such
+functions take the record that holds m (`filters`). Eight columns fill the vector registers.
+Measurement updates are scalar, one sensor after the other (Bar-Shalom, Li and Kirubarajan 2001, Estimation with
+Applications to Tracking and Navigation, section 7.2), so a faulty sensor can be left out.
 """
 
-from math import exp, sqrt
+from math import exp, pi, sqrt
 from typing import Any
 
 import numpy as np
@@ -23,21 +23,26 @@ XX, XV, XA, XB, XS, VV, VA, VB, VS, AA, AB, AS, BB, BS, SS = range(5, 20)
 SIZE = 20
 
 Z_POSITION, Z_SPEED = 0, 1
+"""Indices of a reading z = [x, v]."""
 NO_COLUMN = -1
+Roles = tuple[tuple[int, int], tuple[int, int]]
+NO_ROLES: Roles = ((NO_COLUMN, NO_COLUMN), (NO_COLUMN, NO_COLUMN))
+"""For `update_scalar`: every column uses the reading, without an offset."""
 VARIANCE_FLOOR = 1e-6
+"""Least variance after a repair, m^2, (m/s)^2 or (m/s^2)^2: a millimetre squared is below any sensor."""
 WEIGHT_NEGLIGIBLE = 1e-9
-"""Share of a mixture that leaves no trace in it."""
-TWO_PI = 6.283185307179586
+"""Share of a mixture below which a component is left out."""
+TWO_PI = 2.0 * pi
 
 
 def filters(width: int) -> np.dtype[np.void]:
-    """Return the record of `width` filters; `density` and `exponent` say how likely readings were (`likelihood`)."""
+    """Return the record of `width` filters; `density` and `exponent` hold the likelihood of their readings."""
     return np.dtype([("m", "f8", (SIZE, width)), ("density", "f8", (width,)), ("exponent", "f8", (width,))])
 
 
 @njit(cache=True, error_model="numpy")
 def initialise(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float, a_var: float) -> None:
-    """Start lane j at a reading with variances `r_x`, `r_v`, at rest in a, without a lie."""
+    """Initialise column j at a reading of variances `r_x`, `r_v`, with no acceleration and no offset."""
     m[:, j] = 0.0
     m[PX, j], m[VX, j] = x_m, v_mps
     m[XX, j], m[VV, j], m[AA, j] = r_x, r_v, a_var
@@ -45,21 +50,24 @@ def initialise(m: Any, j: int, x_m: float, v_mps: float, r_x: float, r_v: float,
 
 @njit(cache=True, error_model="numpy")
 def copy_column(m: Any, into: int, other: Any, j: int) -> None:
-    """Overwrite lane `into` of m by lane j of `other`."""
+    """Overwrite column `into` of m by column j of `other`."""
     for i in range(SIZE):
         m[i, into] = other[i, j]
 
 
 @njit(cache=True, error_model="numpy")
 def clear_offset(m: Any, j: int) -> None:
-    """Take the lie out of lane j."""
+    """Remove the offset of column j."""
     for i in (OFFSET, SLOPE, XB, XS, VB, VS, AB, AS, BB, BS, SS):
         m[i, j] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def add_jerk_noise(m: Any, j: int, dt_s: float, q: float) -> None:
-    """Add what white jerk of density `q` does to the covariance of lane j in `dt_s`."""
+    """Add the process noise of white jerk of density `q` over `dt_s` to column j.
+
+    Q = q [[h^5/20, h^4/8, h^3/6], [h^4/8, h^3/3, h^2/2], [h^3/6, h^2/2, h]]      (Bar-Shalom et al. 2001, 6.2.3)
+    """
     h = dt_s
     m[XX, j] += q * h**5 / 20.0
     m[XV, j] += q * h**4 / 8.0
@@ -71,7 +79,7 @@ def add_jerk_noise(m: Any, j: int, dt_s: float, q: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def add_speed_jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
-    """Add a jump of the speed somewhere within `dt_s`, on average in its middle; a is as good as unknown after it."""
+    """Add a jump of the speed of variance `v_var` in the middle of `dt_s` to column j; a is unknown after it."""
     m[XX, j] += 0.25 * dt_s**2 * v_var
     m[XV, j] += 0.5 * dt_s * v_var
     m[VV, j] += v_var
@@ -80,9 +88,9 @@ def add_speed_jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def predict(filters: Any, dt_s: float, q: float, random_walk_density: float) -> None:
-    """Carry every lane on by `dt_s`: m = F m, P = F P F' + Q, with F the exact solution of the equations above.
+    """Predict every column by `dt_s`: m = F m, P = F P F' + Q, with F the exact solution of the equations above.
 
-    `random_walk_density` (m^2/s): the location wanders against the integral of the speed, as satellite positions do.
+    `random_walk_density` (m^2/s): the position wanders against the integral of the speed, as satellite positions do.
     """
     m = filters.m
     h, g = dt_s, 0.5 * dt_s**2
@@ -122,46 +130,39 @@ def predict(filters: Any, dt_s: float, q: float, random_walk_density: float) -> 
 
 @njit(cache=True, error_model="numpy")
 def reset_likelihood(filters: Any) -> None:
-    """Forget how likely earlier readings were."""
+    """Set the likelihood of every column to 1."""
     for j in range(filters.density.size):
         filters.density[j], filters.exponent[j] = 1.0, 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def update_scalar(
-    filters: Any,
-    sensor: int,
-    z: float,
-    r: float,
-    spread: float,
-    excluded: int,
-    excluded_too: int,
-    faulty: int,
-    faulty_too: int,
-) -> None:
-    """Update every lane by one sensor's reading `z` of variance `r`, and note how likely it was.
+def update_scalar(filters: Any, sensor: int, z: float, r: float, spread: float, roles: Roles) -> None:
+    """Update every column by one sensor's reading `z` of variance `r`, and multiply its likelihood by the reading's.
 
-    In the columns `excluded` and `excluded_too` the reading changes nothing: it is Student's t with two degrees of
-    freedom, whose scale is `spread` on top of what state and sensor leave open, and whose tails forgive any size.
-    In the columns `faulty` and `faulty_too` the offset b is in the reading. NO_COLUMN is none.
+    nu = z - H m    S = H P H' + r    K = P H' / S    m += K nu    P -= K S K'    likelihood N(nu; 0, S)
+
+    `roles` holds two pairs of columns. Those of the first exclude the reading: it changes nothing, and its likelihood
+    is Student's t with two degrees of freedom and squared scale H P H' + r + `spread`^2. For those of the second, the
+    offset b is part of H m. NO_COLUMN is none.
     """
     m, density, exponent = filters.m, filters.density, filters.exponent
+    excluded, faulty = roles
     x, v = (1.0, 0.0) if sensor == Z_POSITION else (0.0, 1.0)
     for j in range(m.shape[1]):
-        u = 0.0 if j in (excluded, excluded_too) else 1.0
-        lie = 1.0 if j in (faulty, faulty_too) else 0.0
+        used = 0.0 if j in excluded else 1.0
+        b = 1.0 if j in faulty else 0.0
         off = z - (x * m[PX, j] + v * m[VX, j])
-        nu = off - lie * m[OFFSET, j]
+        nu = off - b * m[OFFSET, j]
         seen = x * m[XX, j] + v * m[VV, j]
-        hx = x * m[XX, j] + v * m[XV, j] + lie * m[XB, j]
-        hv = x * m[XV, j] + v * m[VV, j] + lie * m[VB, j]
-        ha = x * m[XA, j] + v * m[VA, j] + lie * m[AB, j]
-        hb = x * m[XB, j] + v * m[VB, j] + lie * m[BB, j]
-        hs = x * m[XS, j] + v * m[VS, j] + lie * m[BS, j]
-        # Never below r but for rounding: x and b may be known to the digit in their sum and to a hundred metres apart.
-        var = x * hx + v * hv + lie * hb + r
+        hx = x * m[XX, j] + v * m[XV, j] + b * m[XB, j]
+        hv = x * m[XV, j] + v * m[VV, j] + b * m[VB, j]
+        ha = x * m[XA, j] + v * m[VA, j] + b * m[AB, j]
+        hb = x * m[XB, j] + v * m[VB, j] + b * m[BB, j]
+        hs = x * m[XS, j] + v * m[VS, j] + b * m[BS, j]
+        # Rounding alone takes it below r: x and b may be uncertain by far more than their sum.
+        var = x * hx + v * hv + b * hb + r
         var = max(var, r)
-        w = u / var
+        w = used / var
         kx, kv, ka, kb, ks = w * hx, w * hv, w * ha, w * hb, w * hs
         m[PX, j] += kx * nu
         m[VX, j] += kv * nu
@@ -185,13 +186,16 @@ def update_scalar(
         m[SS, j] -= ks * hs
         wide = seen + r + spread * spread
         c = 1.0 + 0.5 * off * off / wide
-        density[j] *= u * sqrt(1.0 / (TWO_PI * var)) + (1.0 - u) * sqrt(0.125 / (wide * c)) / c
+        density[j] *= used * sqrt(1.0 / (TWO_PI * var)) + (1.0 - used) * sqrt(0.125 / (wide * c)) / c
         exponent[j] += w * nu * nu
 
 
 @njit(cache=True, error_model="numpy")
 def set_offset(m: Any, j: int, sensor: int, z: float, r: float) -> None:
-    """Let `sensor`, not yet used at this instant, lie by exactly what its reading `z` differs, of variance P + r."""
+    """Set the offset of column j to b = z - h, of variance P + r, h being what `sensor` should read.
+
+    This is the limit of an update with an offset of unbounded variance; the sensor must not have been used yet.
+    """
     if sensor == Z_POSITION:
         m[OFFSET, j] = z - m[PX, j]
         m[XB, j], m[VB, j], m[AB, j], m[BB, j] = -m[XX, j], -m[XV, j], -m[XA, j], m[XX, j] + r
@@ -204,24 +208,24 @@ def set_offset(m: Any, j: int, sensor: int, z: float, r: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def likelihood(filters: Any, j: int) -> float:
-    """Return how likely the readings since `reset_likelihood` were in lane j."""
+    """Return the likelihood of the readings since `reset_likelihood` in column j."""
     return float(filters.density[j] * exp(-0.5 * filters.exponent[j]))
 
 
 @njit(cache=True, error_model="numpy")
 def repair_covariance(filters: Any) -> bool:
-    """Make every lane's covariance positive again; return whether one was not. Takes the room of `density`.
+    """Make every covariance positive again, and return whether one was not; `density` is overwritten.
 
-    Updates subtract, and a location a million metres off leaves no digits. What is known is then only kept to the
-    size of the variances: correlations are dropped.
+    Updates subtract, and rounding leaves no digits of a position that is a million metres off. A repaired covariance
+    keeps its variances and loses its correlations.
     """
     m, least = filters.m, filters.density
     for j in range(m.shape[1]):
         xx, vv, aa, xv, xa, va = m[XX, j], m[VV, j], m[AA, j], m[XV, j], m[XA, j], m[VA, j]
         minor = xx * vv - xv * xv
         det = aa * minor - va * (xx * va - xv * xa) + xa * (xv * va - vv * xa)
-        lies = min(m[BB, j], m[SS, j])
-        least[j] = min(xx, minor, det, lies if lies < 0.0 else 1.0)
+        offset = min(m[BB, j], m[SS, j])
+        least[j] = min(xx, minor, det, offset if offset < 0.0 else 1.0)
     mended = False
     for j in range(m.shape[1]):
         if not least[j] > 0.0:
@@ -236,7 +240,10 @@ def repair_covariance(filters: Any) -> bool:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def moment_match(m: Any, into: int, other: Any, j: int, f: float) -> None:
-    """Make lane `into` of m the one Gaussian for a mixture: a share `f` of lane j of `other`, the rest of itself."""
+    """Replace column `into` by the Gaussian with the moments of (1 - f) `into` + f `other`[:, j].
+
+    m = m_1 + f d    P = P_1 + f (P_2 - P_1) + f (1 - f) d d'    d = m_2 - m_1
+    """
     g = f * (1.0 - f)
     dx, dv, da = other[PX, j] - m[PX, into], other[VX, j] - m[VX, into], other[AX, j] - m[AX, into]
     db, ds = other[OFFSET, j] - m[OFFSET, into], other[SLOPE, j] - m[SLOPE, into]
@@ -264,7 +271,7 @@ def moment_match(m: Any, into: int, other: Any, j: int, f: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def moment_match_weighted(m: Any, into: int, weight: float, other: Any, j: int, weight_j: float) -> float:
-    """Fold lane j of `other`, of weight `weight_j`, into lane `into` of m, of `weight`; return the sum of both."""
+    """Moment match column `into`, of `weight`, with column j of `other`, of `weight_j`; return the sum of both."""
     total = weight + weight_j
     if weight_j > WEIGHT_NEGLIGIBLE * total:
         moment_match(m, into, other, j, weight_j / total)

@@ -9,8 +9,8 @@ from headway.core.estimation.imm.driver_input import (
     DriverParams,
     adapt_response_gain,
     driver_dtype,
+    initialise_driver,
     predict_acceleration,
-    set_leader,
     unexplained_share,
 )
 from headway.core.runtime.rows import readings
@@ -100,7 +100,7 @@ def test_another_car_ahead_is_no_alarm() -> None:
 
 def test_a_change_is_what_the_model_asks_more_than_before_a_delay_after_the_leader() -> None:
     driver, z = np.zeros(1, driver_dtype(DELAY_S))[0], readings(1)[0]
-    set_leader(driver, P)
+    initialise_driver(driver, P)
     driver["response_gain"] = 0.5
     asked = []
     for k in range(20):
@@ -116,7 +116,7 @@ def test_the_likeness_learns_what_least_squares_would() -> None:
     rng = np.random.default_rng(4)
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
     everlasting = P._replace(forgetting_factor=1.0)
-    set_leader(driver, everlasting)
+    initialise_driver(driver, everlasting)
     felt, nu, known = [], [], 0.0
     for _ in range(200):
         driver["accel_sensitivity"] += rng.normal(0.0, 0.1)

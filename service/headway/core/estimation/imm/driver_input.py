@@ -1,15 +1,17 @@
-"""The car ahead as an input to the motion: what the driver model asks of a driver, as far as this one obeys it.
+"""The leader as an input of the motion: the acceleration that the driver model predicts, times the driver's own gain.
 
-With f_k = f_v(u(t_k - tau), x_k, v_k), the acceleration that the Intelligent Driver Model (`car_following`) asks for at
-reading k, given the leader of a delay ago and the car's own estimate,
+Let f_k = f_v(u(t_k - tau), x_k, v_k) be the acceleration of the Intelligent Driver Model (`car_following`) at reading
+k, from the leader a delay ago and the vehicle's own estimate. In addition to white jerk,
 
-    a(t_k) changes by likeness (f_k - f_{k-1})
+    a changes by g (f_k - f_{k-1})
 
-beside what white jerk adds. Likeness is 1 for a driver who is the model, more for one who answers harder, 0 for one of
-whom it says nothing. Only changes count: keeping another gap than the model is not unlike it.
+The response gain g is 1 for a driver who is the model, more for a stronger response, and 0 for a driver of whom the
+model says nothing. Only changes count, so a driver who keeps another gap than the model has the same gain.
 
-The likeness is learnt by the recursive prediction error method (Ljung and Soderstrom 1983, Theory and Practice of
-Recursive Identification): by how much the innovation of the speed would be another if it were another.
+The gain is adapted by the recursive prediction error method (Ljung and Soderstrom 1983, Theory and Practice of
+Recursive Identification, section 3.3), with psi = dv/dg the sensitivity of the predicted speed and nu its innovation:
+
+    R <- lambda R + (1 - lambda) R_0 + psi^2 / S        g <- g + psi nu / (S R)
 """
 
 from math import isnan
@@ -23,47 +25,46 @@ from headway.core.estimation.delay_buffers import input_at, input_ring, push_inp
 from headway.core.estimation.imm.noise_adaptation import clip, clip_innovation
 
 RESPONSE_GAIN_MAX = 2.0
+"""Real drivers have 0.1 to 0.7, the published follower 1 (ADR 0005, "The car ahead announces")."""
 UNEXPLAINED_SHARE_MIN = 1e-3
-"""Nobody is foreseen altogether: jerk and manoeuvres, which are scaled by what is not, must stay possible."""
+"""Jerk and manoeuvres scale with the unexplained share and must stay possible."""
 
 
 class DriverParams(NamedTuple):
-    """The model, and how its likeness is learnt."""
+    """The driver model and how its gain is adapted. Values without another source: tuned on the pairs, ADR 0005."""
 
     idm: IdmParams
     delay_s: float
-    accel_change_max_mps2: float
-    """Whatever changes what is asked by more at once is another car ahead: drivers get used to it bit by bit."""
-    prior_information: float
-    """Information (inverse variance) that likeness is 0 before anything is heard,"""
-    forgetting_factor: float
-    """and the share of all information that one reading leaves."""
-    explained_step: float
-    """Weight of the newest reading in how much is announced."""
+    """tau, s."""
+    accel_change_max_mps2: float = 1.0
+    """A larger change of f_v at once means another leader, to which drivers respond gradually (ADR 0005)."""
+    prior_information: float = 60.0
+    """R_0: inverse variance of the prior gain 0."""
+    forgetting_factor: float = 0.9995
+    """lambda: share of the information that is kept at a reading; a memory of 200 s at 10 Hz."""
+    explained_step: float = 0.002
+    """Weight of the newest reading in the mean explained density; a memory of 50 s at 10 Hz."""
 
 
 def driver_dtype(delay_s: float) -> np.dtype[np.void]:
-    """Return the record of one driver, whose ring reaches back `delay_s`."""
+    """Return the record of one driver, whose ring of inputs reaches back `delay_s`."""
     return np.dtype(
         [
             *input_ring(delay_s),
-            ("idm_accel_mps2", "f8"),  # f_k at the newest reading; NaN: nobody ahead
-            ("response_gain", "f8"),
-            ("information", "f8"),  # inverse variance of the likeness
-            (
-                "explained_density",
-                "f8",
-            ),  # mean density of what the car ahead made to be expected, m^2/s^5, as that of jerk
-            ("speed_sensitivity", "f8"),  # derivative by likeness of the estimated speed,
-            ("accel_sensitivity", "f8"),  # and of the acceleration
+            ("idm_accel_mps2", "f8"),  # f_k at the newest reading; NaN: no leader
+            ("response_gain", "f8"),  # g
+            ("information", "f8"),  # R: inverse variance of the gain
+            ("explained_density", "f8"),  # density of the changes of acceleration that the leader explains, m^2/s^5
+            ("speed_sensitivity", "f8"),  # psi: derivative of the predicted speed by g, m/s
+            ("accel_sensitivity", "f8"),  # derivative of the acceleration by g, m/s^2
         ],
         align=True,
     )
 
 
 @njit(cache=True, error_model="numpy")
-def set_leader(driver: Any, p: DriverParams) -> None:
-    """Begin with a driver's car; the likeness of one that is known stays known."""
+def initialise_driver(driver: Any, p: DriverParams) -> None:
+    """Initialise a driver without a leader; a gain that is known is kept."""
     driver.information = max(driver.information, p.prior_information)
     driver.input_count = 0
     driver.idm_accel_mps2 = np.nan
@@ -72,13 +73,13 @@ def set_leader(driver: Any, p: DriverParams) -> None:
 
 @njit(cache=True, error_model="numpy")
 def reset_sensitivity(driver: Any) -> None:
-    """Say that the next innovation tells nothing of changes up to now."""
+    """Set the sensitivities to 0: the next innovation does not depend on earlier inputs."""
     driver.speed_sensitivity, driver.accel_sensitivity = 0.0, 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def unexplained_share(driver: Any, q: float) -> float:
-    """Return the share of jerk of density `q` in the changes of acceleration; the rest is explained by the leader."""
+    """Return the share of jerk of density `q` in the changes of acceleration; the leader explains the rest."""
     return (
         1.0 if isnan(driver.idm_accel_mps2) else max(UNEXPLAINED_SHARE_MIN, float(q / (q + driver.explained_density)))
     )
@@ -86,7 +87,7 @@ def unexplained_share(driver: Any, q: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def predict_acceleration(driver: Any, z: Any, dt_s: float, x_m: float, v_mps: float, p: DriverParams) -> float:
-    """Return the change of acceleration to expect after a READING, at which the car is estimated to be at x, v."""
+    """Return g (f_k - f_{k-1}), m/s^2, after a READING at which position and speed are estimated as x, v."""
     if isnan(z.leader_t_s):
         driver.input_count = 0
         driver.idm_accel_mps2 = np.nan
@@ -108,12 +109,12 @@ def predict_acceleration(driver: Any, z: Any, dt_s: float, x_m: float, v_mps: fl
 
 @njit(cache=True, error_model="numpy")
 def adapt_response_gain(driver: Any, dt_s: float, nu: float, s: float, k_v: float, k_a: float, p: DriverParams) -> None:
-    """Take the innovation `nu` of a healthy speed, of variance `s`, which moved v by k_v nu and a by k_a nu."""
+    """Adapt g to the innovation `nu` of a healthy speed, of variance `s`; `k_v`, `k_a` are the Kalman gains of v, a."""
     driver.speed_sensitivity += dt_s * driver.accel_sensitivity
-    speed_sensitivity = driver.speed_sensitivity
+    psi = driver.speed_sensitivity
     kept = p.forgetting_factor * driver.information + (1.0 - p.forgetting_factor) * p.prior_information
-    driver.information = kept + speed_sensitivity**2 / s
-    step = speed_sensitivity * clip_innovation(nu, s) / (s * driver.information)
+    driver.information = kept + psi**2 / s
+    step = psi * clip_innovation(nu, s) / (s * driver.information)
     driver.response_gain = clip(driver.response_gain + step, 0.0, RESPONSE_GAIN_MAX)
-    driver.speed_sensitivity -= k_v * speed_sensitivity
-    driver.accel_sensitivity -= k_a * speed_sensitivity
+    driver.speed_sensitivity -= k_v * psi
+    driver.accel_sensitivity -= k_a * psi
