@@ -22,11 +22,12 @@ demo: venv  ## service and replay in one go, no router needed
 test: venv  ## the whole suite
 	$(BIN)/python -m pytest -m 'not bench and not browser and not faults'
 
-check: venv  ## lint, format, types, import contracts, deployment files; says what it skips
+check: venv  ## lint, format, types, import contracts, prose, deployment files; says what it skips
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python tests/prose/check.py
 	$(BIN)/python -m pytest tests/deploy
 	@if command -v promtool >/dev/null; then $(MAKE) --no-print-directory check-deploy; \
 	else echo 'skipped: make check-deploy, which needs promtool (Debian: apt-get install prometheus)'; fi
