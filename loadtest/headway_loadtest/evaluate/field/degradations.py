@@ -73,6 +73,8 @@ def _spells(
     rng: np.random.Generator, track: Records, every_s: float, lasting_s: tuple[float, float]
 ) -> list[tuple[int, int]]:
     """Return slices that begin `every_s` apart on average and last a uniform time; they do not overlap."""
+    if not len(track):
+        return []
     t_s = (track["t_us"] - track["t_us"][0]) / 1e6
     spells = []
     start_s = float(rng.exponential(every_s))

@@ -24,8 +24,8 @@ ROOM = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Statement:
-    """What is published once of an event. `is_alarm` is False for the statement that clears it."""
+class EventUpdate:
+    """One published step of an event. `is_alarm` is False for the one that clears it."""
 
     t_us: int
     kind: str
@@ -41,35 +41,35 @@ class Alarm:
     event_id: str
     follower: str
     leader: str | None
-    statements: list[Statement] = field(default_factory=list)
+    updates: list[EventUpdate] = field(default_factory=list)
 
     @property
     def start_us(self) -> int:
         """Time of the onset."""
-        return self.statements[0].t_us
+        return self.updates[0].t_us
 
     def alarmed_until_us(self, end_us: int) -> int:
         """Time of the last alarming reading; `end_us` where the event was never cleared."""
-        last = self.statements[-1]
+        last = self.updates[-1]
         if last.is_alarm:
             return end_us
-        stated = max((said.t_us for said in self.statements if said.is_alarm), default=self.start_us)
-        return max(stated, last.t_us - CLEAR_US)
+        updated_us = max((update.t_us for update in self.updates if update.is_alarm), default=self.start_us)
+        return max(updated_us, last.t_us - CLEAR_US)
 
     def open_until_us(self, end_us: int) -> int:
         """Time at which it is cleared; `end_us` where it never was."""
-        last = self.statements[-1]
+        last = self.updates[-1]
         return end_us if last.is_alarm else last.t_us
 
     @property
-    def newest(self) -> Statement:
-        """The newest statement that does not clear the event."""
-        return next((said for said in reversed(self.statements) if said.is_alarm), self.statements[-1])
+    def newest(self) -> EventUpdate:
+        """The newest update that does not clear the event."""
+        return next((update for update in reversed(self.updates) if update.is_alarm), self.updates[-1])
 
     @property
     def suspects(self) -> set[str]:
         """Every vehicle that was named."""
-        return {said.suspect for said in self.statements}
+        return {update.suspect for update in self.updates}
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,8 +95,8 @@ def detect(recording: Recording, budget_per_hour: float) -> Detection:
         pair_us += engine.pairs * STEP_US
         for event in result.events:
             alarm = alarms.setdefault(event.event_id, Alarm(event.event_id, event.follower, event.leader))
-            alarm.statements.append(
-                Statement(
+            alarm.updates.append(
+                EventUpdate(
                     event.t_us, event.kind.label, event.sensor.label, event.suspect, event.phase.value != "cleared"
                 )
             )

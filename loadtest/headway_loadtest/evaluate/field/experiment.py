@@ -136,7 +136,7 @@ def _measure(job: tuple[Recording, FieldProtocol]) -> SetScore:
 
 
 def _measure_degraded(job: tuple[Recording, int, str, FieldProtocol]) -> tuple[CleanScore, FaultScore]:
-    """Judge one recording with one degradation; what is due to the recording itself is told by the original."""
+    """Judge one recording with one degradation; gaps and causes are those of the original."""
     recording, run, name, protocol = job
     facts = facts_of(recording)
     if name in JUMPS:

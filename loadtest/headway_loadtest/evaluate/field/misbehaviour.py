@@ -1,6 +1,6 @@
 """Attackers among honest vehicles: which messages an open event covers, and whom it names.
 
-A message is **found** while an event is open that names its sender, as the newest statement has it. Misses concern
+A message is **found** while an event is open that names its sender, as the newest update has it. Misses concern
 silence, and cover no message.
 """
 
@@ -112,11 +112,11 @@ def named(detection: Detection) -> dict[str, list[tuple[int, int]]]:
     for alarm in detection.alarms:
         if alarm.newest.kind == MISS:
             continue
-        ends = [said.t_us for said in alarm.statements[1:]]
-        if alarm.statements[-1].is_alarm:
+        ends = [update.t_us for update in alarm.updates[1:]]
+        if alarm.updates[-1].is_alarm:
             ends.append(detection.end_us)
-        for said, end_us in zip(alarm.statements, ends, strict=False):
-            spans.setdefault(said.suspect, []).append((said.t_us, end_us))
+        for update, end_us in zip(alarm.updates, ends, strict=False):
+            spans.setdefault(update.suspect, []).append((update.t_us, end_us))
     return spans
 
 
@@ -133,7 +133,7 @@ def covered(recording: Recording, spans: dict[str, list[tuple[int, int]]]) -> Bo
 
 
 def score(attacked: Attacked, detection: Detection) -> AttackScore:
-    """Compare what was said with who attacked."""
+    """Compare the events with the attackers."""
     found = covered(attacked.recording, named(detection))
     owner, messages = attacked.owner, attacked.recording.messages
     senders = np.array(attacked.recording.vehicles)

@@ -44,6 +44,7 @@ DELAY_US = 20_000
 READING_NOISE = 0.01
 """Standard deviation added to the smoothed readings of a pair file, m and m/s, as in the published experiment."""
 GNSS_COLUMNS = ("t_s", "id", "lat", "lon", "speed_mps")
+MEASURED = ("lat", "lon", "speed_mps")
 OPTIONAL = ("heading_deg", "accel_mps2", "accuracy_m", "length_m")
 JSON_ENDINGS = (".jsonl", ".jsonl.gz", ".ndjson")
 
@@ -83,13 +84,18 @@ def by_reception(messages: Records) -> I64:
 
 
 def course_deg(track: Records) -> F64:
-    """Return the heading of each message, with gaps filled from its neighbours or from the displacement."""
+    """Return the heading of each message, with gaps filled from its neighbours or from the displacement.
+
+    It is 0 where neither is known.
+    """
     heading = track["heading_deg"]
     known = np.isfinite(heading)
     if known.any():
         at = np.arange(len(track))
         filled: F64 = np.degrees(np.interp(at, at[known], np.unwrap(np.radians(heading[known])))) % 360.0
         return filled
+    if len(track) < 2:
+        return np.zeros(len(track))
     north, east = local_m(track, track["lat_deg"][0], track["lon_deg"][0])
     course: F64 = np.degrees(np.arctan2(np.gradient(east), np.gradient(north))) % 360.0
     return course
@@ -182,15 +188,19 @@ def read_gnss(path: Path) -> Recording:
 
 
 def read_bsm_lines(path: Path) -> Recording:
-    """Read BSM v1 JSON lines, each with an optional `received_us`, gzip or not."""
+    """Read BSM v1 JSON lines, each with an optional `received_us`, gzip or not.
+
+    Records whose position or speed is null are left out, as a service rejects them.
+    """
     rows: list[tuple[Any, ...]] = []
     index: dict[str, int] = {}
     opener = gzip.open if path.suffix == ".gz" else open
     try:
         with opener(path, "rt", encoding="utf-8") as lines:
             for number, line in enumerate(lines, 1):
-                if line.strip():
-                    rows.append(_row(json.loads(line), index, path, number))
+                bsm = json.loads(line) if line.strip() else None
+                if bsm is not None and all(bsm.get(name) is not None for name in MEASURED):
+                    rows.append(_row(bsm, index, path, number))
     except (OSError, ValueError) as error:
         raise SourceError(f"{path}: {error}") from None
     if not rows:

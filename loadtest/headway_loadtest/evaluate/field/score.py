@@ -2,7 +2,7 @@
 
 An alarm is one event id. A fault is **found** when an alarm of its vehicle has an alarming reading between the fault's
 first message and `GRACE_S` after its last; a miss concerns silence, and finds none of these faults. Sensor and kind
-are those of the newest statement up to the end of that window. A clean alarm counts as **false** unless the recording
+are those of the newest update up to the end of that window. A clean alarm counts as **false** unless the recording
 itself has a gap within `causes.GAP_WITHIN_S` of its onset.
 """
 
@@ -14,7 +14,7 @@ from typing import Any, Self
 import numpy as np
 
 from headway_loadtest.evaluate.field.causes import Facts
-from headway_loadtest.evaluate.field.detection import Alarm, Detection, Statement
+from headway_loadtest.evaluate.field.detection import Alarm, Detection, EventUpdate
 from headway_loadtest.evaluate.field.faults import Fault
 
 GRACE_S = 1.0
@@ -159,13 +159,13 @@ def _score_fault(fault: Fault, faults: Sequence[Fault], alarms: Sequence[Alarm],
         return made
     made.found[label] = 1
     made.delays_s.append((first_us - fault.start_us) / 1e6)
-    said = _newest_in(fault, alarms)
-    if said is None:
+    newest = _newest_in(fault, alarms)
+    if newest is None:
         return made
     at_once = [other for other in faults if other.vehicle == fault.vehicle and _overlap(other, fault)]
-    made.sensor_right = int(said.sensor == BOTH or any(said.sensor == other.sensor.value for other in at_once))
-    made.kind_right = int(any(said.kind == other.kind.label for other in at_once))
-    made.confusion[label, said.kind] = 1
+    made.sensor_right = int(newest.sensor == BOTH or any(newest.sensor == other.sensor.value for other in at_once))
+    made.kind_right = int(any(newest.kind == other.kind.label for other in at_once))
+    made.confusion[label, newest.kind] = 1
     return made
 
 
@@ -184,16 +184,16 @@ def _first_alarm(fault: Fault, alarms: Sequence[Alarm], end_us: int) -> int | No
     return min(times, default=None)
 
 
-def _newest_in(fault: Fault, alarms: Sequence[Alarm]) -> Statement | None:
-    """Return the newest alarming statement up to the end of the fault's window that names the vehicle."""
+def _newest_in(fault: Fault, alarms: Sequence[Alarm]) -> EventUpdate | None:
+    """Return the newest alarming update up to the end of the fault's window that names the vehicle."""
     until_us = fault.stop_us + round(GRACE_S * 1e6)
-    said = [
-        statement
+    updates = (
+        update
         for alarm in alarms
-        for statement in alarm.statements
-        if statement.is_alarm and statement.suspect == fault.vehicle and statement.t_us <= until_us
-    ]
-    return max(said, key=lambda statement: statement.t_us, default=None)
+        for update in alarm.updates
+        if update.is_alarm and update.suspect == fault.vehicle and update.t_us <= until_us
+    )
+    return max(updates, key=lambda update: update.t_us, default=None)
 
 
 def clean_row(score: CleanScore) -> dict[str, Any]:
@@ -215,7 +215,7 @@ def clean_row(score: CleanScore) -> dict[str, Any]:
 
 
 def fault_row(score: FaultScore) -> dict[str, Any]:
-    """Return recall and what was said of the faults found, as the JSON has them."""
+    """Return recall and what was stated of the faults found, as the JSON has them."""
     found, faults = score.found.total(), score.faults.total()
     return {
         "faults": faults,

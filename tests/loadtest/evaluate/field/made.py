@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from headway_loadtest.evaluate.field.detection import Alarm, Detection, Statement
+from headway_loadtest.evaluate.field.detection import Alarm, Detection, EventUpdate
 from headway_loadtest.evaluate.field.faults import Fault
 from headway_loadtest.evaluate.field.recordings import T0_US, Recording, empty, move
 from headway_loadtest.inject.faults import Kind, Sensor
@@ -27,9 +27,9 @@ def driving(seconds=60.0, mps=10.0, gap_after_s=None, vehicles=("a",)):
 
 
 def alarm(start_s, cleared_s, kind="bias", sensor="speed", suspect="a", updates=()):
-    said = [Statement(T0_US + round(t * S), kind, sensor, suspect, True) for t in (start_s, *updates)]
+    said = [EventUpdate(T0_US + round(t * S), kind, sensor, suspect, True) for t in (start_s, *updates)]
     if cleared_s is not None:
-        said.append(Statement(T0_US + round(cleared_s * S), kind, sensor, suspect, False))
+        said.append(EventUpdate(T0_US + round(cleared_s * S), kind, sensor, suspect, False))
     return Alarm(f"{suspect}-{start_s}", suspect, None, said)
 
 

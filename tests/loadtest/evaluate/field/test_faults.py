@@ -1,9 +1,12 @@
 """Algorithm 1 on positions and speeds: sizes, labels, and what stays as it was."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from loadtest.evaluate.field.made import driving
 
+from headway_loadtest.evaluate.field.degradations import with_jumps
 from headway_loadtest.evaluate.field.faults import with_faults
 from headway_loadtest.evaluate.field.recordings import local_m
 from headway_loadtest.inject.faults import Kind, Sensor
@@ -65,3 +68,13 @@ def test_no_speed_is_below_zero_and_the_seed_decides():
     assert (one == again).all()
     assert (one != other).any()
     assert (one != run).any()
+
+
+def test_a_vehicle_without_messages_has_no_faults():
+    recording = driving(seconds=600.0, vehicles=("a", "b"))
+    recording = replace(recording, messages=recording.messages[recording.messages["vehicle"] == 0])
+    faulty, faults = with_faults(recording, 1.0, 0, 0)
+    assert {fault.vehicle for fault in faults} == {"a"}
+    jumping, jumps = with_jumps(recording, 0, 0, along=False)
+    assert {jump.vehicle for jump in jumps} == {"a"}
+    assert len(faulty.messages) == len(jumping.messages) == 6000

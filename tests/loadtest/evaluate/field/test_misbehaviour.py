@@ -7,7 +7,7 @@ import pytest
 from loadtest.evaluate.field.made import S, alarm, detection, driving
 
 from headway_loadtest.evaluate.field import misbehaviour
-from headway_loadtest.evaluate.field.detection import Statement
+from headway_loadtest.evaluate.field.detection import EventUpdate
 from headway_loadtest.evaluate.field.recordings import T0_US
 
 
@@ -38,9 +38,9 @@ def test_an_event_that_names_an_honest_car_is_a_false_positive(attacked):
     assert made.events == 0
 
 
-def test_the_newest_statement_says_whom_an_event_names(attacked):
+def test_the_newest_update_says_whom_an_event_names(attacked):
     said = replace(alarm(35.0, 50.0, kind="response"), follower="b", leader="a")
-    said.statements[1:1] = [Statement(T0_US + 40 * S, "response", "both", "b", True)]
+    said.updates[1:1] = [EventUpdate(T0_US + 40 * S, "response", "both", "b", True)]
     made = misbehaviour.score(attacked, detection(said))
     assert (made.found, made.false_positives) == (51, 101)
     assert (made.events, made.suspect_right) == (1, 0)

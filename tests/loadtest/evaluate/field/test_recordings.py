@@ -36,9 +36,10 @@ def test_a_gnss_table_gives_messages_in_order_and_leaves_out_rows_without_a_posi
     assert np.isnan(messages["heading_deg"]).tolist() == [True, False, True]
 
 
-def test_bsm_lines_keep_their_receive_time(tmp_path):
+def test_bsm_lines_keep_their_receive_time_and_unavailable_readings_are_left_out(tmp_path):
     bsm = {"v": 1, "id": "x", "msg_cnt": 3, "t_us": T0_US, "lat": 1.0, "lon": 2.0, "speed_mps": 3.0}
     lines = [bsm | {"received_us": T0_US + 7}, bsm | {"t_us": T0_US + 100_000, "heading_deg": None, "length_m": 5.0}]
+    lines.append(bsm | {"t_us": T0_US + 200_000, "speed_mps": None})
     (tmp_path / "r.jsonl").write_text("\n".join(map(json.dumps, lines)))
     messages = only(tmp_path / "r.jsonl").messages
     assert messages["received_us"].tolist() == [T0_US + 7, T0_US + 100_000 + DELAY_US]
@@ -71,7 +72,7 @@ def test_the_course_fills_in_for_a_heading_that_is_absent(tmp_path):
     ("name", "text", "said"),
     [
         ("a.csv", "t_s,id,lat\n0,a,1\n", "no column lon, speed_mps"),
-        ("a.jsonl", '{"id":"a"}\n', "line 1: not a BSM v1 record"),
+        ("a.jsonl", '{"id":"a","lat":1,"lon":2,"speed_mps":3}\n', "line 1: not a BSM v1 record"),
         ("a.jsonl", "{", "a.jsonl: "),
         ("a.jsonl", "", "no records"),
     ],

@@ -5,7 +5,7 @@ from loadtest.evaluate.field.made import S, alarm, detection, driving, fault
 
 from headway_loadtest.evaluate.field import score
 from headway_loadtest.evaluate.field.causes import facts_of
-from headway_loadtest.evaluate.field.detection import Statement
+from headway_loadtest.evaluate.field.detection import EventUpdate
 from headway_loadtest.evaluate.field.recordings import T0_US
 from headway_loadtest.inject.faults import Kind, Sensor
 
@@ -34,11 +34,11 @@ def test_an_alarm_of_another_car_or_a_miss_finds_nothing():
     assert recall([alarm(20.0, 23.0, suspect="b"), alarm(20.0, 23.0, kind="miss")], [fault(20.0, 21.0)]).found == {}
 
 
-def test_sensor_and_kind_are_those_of_the_newest_statement_up_to_the_end_of_the_window():
+def test_sensor_and_kind_are_those_of_the_newest_update_up_to_the_end_of_the_window():
     said = alarm(20.0, 30.0, kind="short", sensor="location")
-    said.statements[1:1] = [
-        Statement(T0_US + 21 * S, "bias", "speed", "a", True),
-        Statement(T0_US + 25 * S, "noise", "location", "a", True),
+    said.updates[1:1] = [
+        EventUpdate(T0_US + 21 * S, "bias", "speed", "a", True),
+        EventUpdate(T0_US + 25 * S, "noise", "location", "a", True),
     ]
     made = recall([said], [fault(20.0, 21.0)])
     assert (made.sensor_right, made.kind_right) == (1, 1)
