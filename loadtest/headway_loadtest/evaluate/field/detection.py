@@ -32,6 +32,8 @@ class EventUpdate:
     sensor: str
     suspect: str
     is_alarm: bool
+    observations: tuple[str, ...] = ()
+    """Physical limits that the vehicle's messages break at that time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,6 +69,11 @@ class Alarm:
         return next((update for update in reversed(self.updates) if update.is_alarm), self.updates[-1])
 
     @property
+    def observations(self) -> set[str]:
+        """Every physical limit that was broken."""
+        return {name for update in self.updates for name in update.observations}
+
+    @property
     def suspects(self) -> set[str]:
         """Every vehicle that was named."""
         return {update.suspect for update in self.updates}
@@ -97,7 +104,12 @@ def detect(recording: Recording, budget_per_hour: float) -> Detection:
             alarm = alarms.setdefault(event.event_id, Alarm(event.event_id, event.follower, event.leader))
             alarm.updates.append(
                 EventUpdate(
-                    event.t_us, event.kind.label, event.sensor.label, event.suspect, event.phase.value != "cleared"
+                    t_us=event.t_us,
+                    kind=event.kind.label,
+                    sensor=event.sensor.label,
+                    suspect=event.suspect,
+                    is_alarm=event.phase.value != "cleared",
+                    observations=event.observations,
                 )
             )
     return Detection(tuple(alarms.values()), pair_us / 3.6e9, int(messages["t_us"].max()))

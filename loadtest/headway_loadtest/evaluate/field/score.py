@@ -50,6 +50,7 @@ class CleanScore(Sums):
     pair_hours: float = 0.0
     kinds: Counter[str] = field(default_factory=Counter)
     causes: Counter[str] = field(default_factory=Counter)
+    observations: Counter[str] = field(default_factory=Counter)
     moving_kinds: Counter[str] = field(default_factory=Counter)
     at_gaps: int = 0
     """Alarms that a recorded gap explains; they are in no other sum."""
@@ -93,6 +94,7 @@ def clean_score(facts: Mapping[str, Facts], detection: Detection) -> CleanScore:
         counted.append(alarm)
         made.kinds[kind] += 1
         made.causes[cause] += 1
+        made.observations.update(alarm.observations)
         made.moving_kinds[kind] += suspect.is_moving(alarm.start_us)
     made.moments = moments(alarm.start_us for alarm in counted)
     made.cars_named = len({name for alarm in counted for name in alarm.suspects})
@@ -206,6 +208,7 @@ def clean_row(score: CleanScore) -> dict[str, Any]:
         "false_alarms_per_hour": ratio(score.kinds.total(), score.vehicle_hours),
         "false_alarms_by_kind": dict(sorted(score.kinds.items())),
         "false_alarms_by_cause": dict(sorted(score.causes.items())),
+        "false_alarms_by_observation": dict(sorted(score.observations.items())),
         "alarms_at_recording_gaps": score.at_gaps,
         "moments_per_hour": ratio(score.moments, score.vehicle_hours),
         "link_false_alarms_per_pair_hour": ratio(links, score.pair_hours),

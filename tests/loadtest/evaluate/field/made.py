@@ -26,11 +26,11 @@ def driving(seconds=60.0, mps=10.0, gap_after_s=None, vehicles=("a",)):
     return Recording(group="set", name="made", vehicles=vehicles, messages=np.concatenate(tracks))
 
 
-def alarm(start_s, cleared_s, kind="bias", sensor="speed", suspect="a", updates=()):
-    said = [EventUpdate(T0_US + round(t * S), kind, sensor, suspect, True) for t in (start_s, *updates)]
+def alarm(start_s, cleared_s, kind="bias", sensor="speed", suspect="a", observations=()):
+    updates = [EventUpdate(T0_US + round(start_s * S), kind, sensor, suspect, True, observations)]
     if cleared_s is not None:
-        said.append(EventUpdate(T0_US + round(cleared_s * S), kind, sensor, suspect, False))
-    return Alarm(f"{suspect}-{start_s}", suspect, None, said)
+        updates.append(EventUpdate(T0_US + round(cleared_s * S), kind, sensor, suspect, False))
+    return Alarm(f"{suspect}-{start_s}", suspect, None, updates)
 
 
 def detection(*alarms, pair_hours=0.0):

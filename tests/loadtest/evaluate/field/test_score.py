@@ -63,7 +63,7 @@ def test_false_alarms_leave_out_recorded_gaps_and_count_by_kind_cause_and_moment
     made = score.clean_score(
         facts_of(recording),
         detection(
-            alarm(10.0, 12.0),
+            alarm(10.0, 12.0, observations=("heading", "speed_value")),
             alarm(14.0, 16.0, kind="drift", suspect="b"),
             alarm(34.0, 36.0),  # a second after the gap
             alarm(50.0, 52.0, kind="response", suspect="b"),
@@ -74,6 +74,7 @@ def test_false_alarms_leave_out_recorded_gaps_and_count_by_kind_cause_and_moment
     assert row["vehicle_hours"] == pytest.approx(2 * (59.9 - 3.0) / 3600.0)
     assert row["false_alarms_by_kind"] == {"bias": 1, "drift": 1, "response": 1}
     assert row["false_alarms_by_cause"] == {"none": 3}
+    assert row["false_alarms_by_observation"] == {"heading": 1, "speed_value": 1}
     assert row["alarms_at_recording_gaps"] == 1
     assert row["false_alarms_per_hour"] == pytest.approx(3 / row["vehicle_hours"])
     assert row["moments_per_hour"] == pytest.approx(2 / row["vehicle_hours"])
