@@ -1,7 +1,7 @@
 """The records of one step as columns: what the codec passes to the core."""
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,9 +42,6 @@ class Batch:
         return len(self.ids)
 
 
-_DTYPE: dict[str, type] = dict.fromkeys(("t_us", "received_us", "msg_cnt"), np.int64)
-
-
 class Columns(NamedTuple):
     """(B,) the columns of a `Batch` that kernels read, contiguous and of one type each (`bound_kernel`)."""
 
@@ -63,7 +60,24 @@ class Columns(NamedTuple):
 
 def columns(batch: Batch) -> Columns:
     """Return the columns of a batch for kernels."""
-    made: dict[str, Any] = {
-        name: np.ascontiguousarray(getattr(batch, name), _DTYPE.get(name, np.float64)) for name in Columns._fields
-    }
-    return Columns(**made)
+    return Columns(
+        t_us=_int64(batch.t_us),
+        received_us=_int64(batch.received_us),
+        msg_cnt=_int64(batch.msg_cnt),
+        lat_deg=_float64(batch.lat_deg),
+        lon_deg=_float64(batch.lon_deg),
+        speed_mps=_float64(batch.speed_mps),
+        heading_deg=_float64(batch.heading_deg),
+        accuracy_m=_float64(batch.accuracy_m),
+        length_m=_float64(batch.length_m),
+        range_m=_float64(batch.range_m),
+        range_rate_mps=_float64(batch.range_rate_mps),
+    )
+
+
+def _int64(column: I64) -> I64:
+    return np.ascontiguousarray(column, np.int64)
+
+
+def _float64(column: F64) -> F64:
+    return np.ascontiguousarray(column, np.float64)
