@@ -61,7 +61,7 @@ def test_a_negative_speed_counts_as_standing() -> None:
     assert df_dv == df_dvl == 0.0
 
 
-def test_gradient_is_that_of_the_function_guards_included() -> None:
+def test_gradient_is_that_of_the_function_limits_included() -> None:
     rng = np.random.default_rng(1)
     h = 1e-6
     for _ in range(300):

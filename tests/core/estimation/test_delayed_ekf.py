@@ -10,14 +10,22 @@ from scipy.stats import chi2
 
 from headway.core.estimation.car_following import IdmParams
 from headway.core.estimation.delay_buffers import push_own
-from headway.core.estimation.delayed_ekf import P_FLOOR, ROOM, begin, guard, predict, step_batch, step_row
+from headway.core.estimation.delayed_ekf import (
+    P_FLOOR,
+    WORKSPACE,
+    initialise,
+    predict,
+    repair_covariance,
+    step_batch,
+    step_row,
+)
 from headway.core.estimation.registry import paper_dtype, paper_params
 from headway.core.runtime.rows import readings, verdicts
 from headway.core.types.config import DetectorConfig
 
 ORDERS = {"ekf": 2, "aekf": 3}
 DELAY_MAX_S = 5.0
-SPACE = np.zeros(1, ROOM)[0]
+SPACE = np.zeros(1, WORKSPACE)[0]
 FREE_LINEAR = IdmParams(a_mps2=1.0, delta=1.0, v0_mps=2.0)
 """On a free road with delta = 1, f_v = a - (a / v0) v."""
 
@@ -134,7 +142,7 @@ def test_the_delayed_equation_is_solved_by_the_method_of_steps() -> None:
         piece = 1.0 - k * pieces[-1]
         pieces.append(pieces[-1](tau) + piece.integ())
     bank = fresh()
-    begin(bank[0], reading(0.0, 0.0, v0)[0], params(delay_s=tau))
+    initialise(bank[0], reading(0.0, 0.0, v0)[0], params(delay_s=tau))
     x = 0.0
     for i, piece in enumerate(pieces[1:], start=1):
         x += pieces[i - 1].integ()(tau)
@@ -149,7 +157,7 @@ def test_the_delayed_covariance_grows_straight_for_the_first_tau() -> None:
     tau = 0.5
     p = params(delay_s=tau, idm=FREE_LINEAR)
     bank = fresh()
-    begin(bank[0], reading(0.0, 0.0, 1.0)[0], p)
+    initialise(bank[0], reading(0.0, 0.0, 1.0)[0], p)
     predict(bank[0], tau, p, SPACE)
     F = np.array([[0.0, 1.0], [0.0, -0.5]])
     assert bank[0]["P"] == pytest.approx(np.eye(2) + tau * (F + F.T + np.diag([p.q_x, p.q_v])), abs=1e-12)
@@ -211,7 +219,7 @@ def test_no_garbage_locks_the_filter_out(model: str, delay_s: float, garbage: st
     assert (verdict["x_m"], verdict["v_mps"]) == pytest.approx((2.0 * (k - 1), 20.0), abs=1.0)
 
 
-def test_a_silence_beyond_the_gap_begins_anew_and_says_so() -> None:
+def test_a_silence_beyond_the_gap_initialises_the_row_and_reports_it() -> None:
     p = params("ekf", max_gap_s=5.0)
     bank = fresh()
     step(bank, reading(0.0, 0.0, 10.0), p)
@@ -243,7 +251,7 @@ def test_delta_takes_up_a_constant_slip_and_is_reset_beyond_its_limit() -> None:
 
 
 @pytest.mark.parametrize("n", [2, 3])
-def test_guard_lifts_what_is_not_positive_definite_and_leaves_the_rest(n: int) -> None:
+def test_repair_lifts_what_is_not_positive_definite_and_leaves_the_rest(n: int) -> None:
     rng = np.random.default_rng(n)
     for _ in range(200):
         root = rng.normal(size=(n, n))
@@ -251,7 +259,7 @@ def test_guard_lifts_what_is_not_positive_definite_and_leaves_the_rest(n: int) -
         axes = np.linalg.qr(root)[0]
         P = axes @ np.diag(values) @ axes.T
         before = P.copy()
-        repaired = guard(P)
+        repaired = repair_covariance(P)
         assert repaired == (values.min() < P_FLOOR)
         assert np.array_equal(P, P.T) or np.allclose(P, P.T, atol=1e-15)
         assert np.linalg.eigvalsh(P).min() > P_FLOOR
@@ -259,7 +267,7 @@ def test_guard_lifts_what_is_not_positive_definite_and_leaves_the_rest(n: int) -
             assert pytest.approx(before, abs=1e-15) == P
 
 
-def test_a_batch_judges_each_row_as_if_alone() -> None:
+def test_a_batch_updates_each_row_as_if_alone() -> None:
     p = params("aekf", delay_s=0.5, gate=9.0)
     rng = np.random.default_rng(11)
     together = np.zeros(4, paper_dtype(3, DELAY_MAX_S))
@@ -267,9 +275,9 @@ def test_a_batch_judges_each_row_as_if_alone() -> None:
     for k in range(30):
         rows = rng.permutation(4)[:3]
         batch = np.concatenate([reading(0.1 * k, *rng.normal((1.5 * k, 15.0), 0.3)) for _ in rows])
-        judged = verdicts(3)
-        step_batch(together, rows, batch, p, judged)
-        for row, z, verdict in zip(rows, batch, judged, strict=True):
+        results = verdicts(3)
+        step_batch(together, rows, batch, p, results)
+        for row, z, verdict in zip(rows, batch, results, strict=True):
             single = verdicts(1)
             step_row(alone[row], z, p, single[0])
             assert single[0] == verdict

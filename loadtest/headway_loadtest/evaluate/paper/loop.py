@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from headway.core.estimation.delay_buffers import push_own
-from headway.core.estimation.delayed_ekf import ROOM, FilterParams, innovate, step, update
+from headway.core.estimation.delayed_ekf import WORKSPACE, FilterParams, innovate, step, update
 from headway.core.estimation.registry import paper_dtype, paper_params
 from headway.core.runtime.rows import verdicts
 from headway.core.types.config import DetectorConfig
@@ -64,13 +64,13 @@ def judge(
     row: Any, readings: Any, p: FilterParams, true_x_m: F64, true_v_mps: F64, oracle: bool, constant: bool, judged: Any
 ) -> None:
     """`step` along a drive, with the experiment's history before it and its oracle after."""
-    room = np.zeros(1, ROOM)
+    workspace = np.zeros(1, WORKSPACE)
     for k in range(readings.size):
         if constant and p.delay_s > 0.0 and row.count > 0:
             flatten_history(row, p.delay_s)
-        step(row, readings[k], p, judged[k], room[0])
+        step(row, readings[k], p, judged[k], workspace[0])
         if oracle and judged[k].anomalous:
-            stand_in_truth(row, true_x_m[k], true_v_mps[k], p, room[0])
+            stand_in_truth(row, true_x_m[k], true_v_mps[k], p, workspace[0])
             judged[k].x_m = true_x_m[k]
             judged[k].v_mps = true_v_mps[k]
 
@@ -84,13 +84,12 @@ def flatten_history(row: Any, delay_s: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams, room: Any) -> None:
+def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams, workspace: Any) -> None:
     """Update with the truth as the reading, then set s so that H s is the truth, in the newest memory as well.
 
     Who knows the truth need not begin anew: the rejections are forgotten.
     """
-    nu_x, nu_v, s_xx, s_xv, s_vv, _ = innovate(row, x_m, v_mps, p)
-    update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room)
+    update(row, innovate(row, x_m, v_mps, p), p, workspace)
     row.s[0] = x_m - row.s[2] if row.s.size == 3 else x_m
     row.s[1] = v_mps
     row.rejections = 0

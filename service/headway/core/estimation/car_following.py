@@ -1,4 +1,4 @@
-"""Intelligent Driver Model: what a follower's driver does about the car in front, and how that changes with both.
+"""Intelligent Driver Model: acceleration of a follower behind its leader, and its gradient.
 
 Source: Treiber, Hennecke, Helbing 2000 (doi:10.1103/PhysRevE.62.1805), as used by Wang, Masoud, Khojandi 2020
 (arXiv:2004.09496), equation `idm`:
@@ -16,26 +16,32 @@ from typing import NamedTuple
 from numba import njit
 
 GAP_FLOOR_M = 0.5
-"""A gap is never taken as smaller: estimates may overlap, cars do not."""
+"""Least gap, m: estimates of two vehicles may overlap, vehicles do not."""
 
 BRAKING_LIMIT_MPS2 = -9.81
-"""No tyre brakes harder; keeps f_v finite when a gap closes."""
+"""Hardest braking, m/s^2: a friction coefficient of 1. It keeps f_v finite as a gap closes."""
 
 
 class IdmParams(NamedTuple):
-    """The driver; defaults are the paper's."""
+    """The driver; defaults are those of Wang, Masoud, Khojandi 2020."""
 
     a_mps2: float = 1.0
+    """Largest acceleration, m/s^2."""
     b_mps2: float = 1.5
+    """Comfortable braking, m/s^2."""
     delta: float = 4.0
+    """Exponent of the acceleration on a free road."""
     v0_mps: float = 33.75
+    """Desired speed, m/s."""
     s0_m: float = 2.0
+    """Gap at standstill, m."""
     T_s: float = 1.0
+    """Desired time gap, s."""
 
 
 @njit(cache=True, error_model="numpy")
 def power(base: float, exponent: float) -> float:
-    """Return base ** exponent; for the usual exponent of 4 without the library's, which is a third of all of `idm`."""
+    """Return base ** exponent; two products for the usual exponent 4, where the library takes a third of `idm`."""
     square = base * base
     return square * square if exponent == 4.0 else float(base**exponent)
 
@@ -44,8 +50,8 @@ def power(base: float, exponent: float) -> float:
 def idm(gap_m: float, v_mps: float, v_leader_mps: float, p: IdmParams) -> tuple[float, float, float, float]:
     """Return f_v and its gradient (df/dx, df/dv, df/dv_leader), in m/s^2 per m and per m/s; df/dx_leader = -df/dx.
 
-    `gap_m` is d; NaN means a free road. Where a guard holds (gap floor, braking limit) the gradient is that of the
-    guarded function, zero along what is held.
+    `gap_m` is d; NaN means a free road. Beyond a limit (least gap, hardest braking) the gradient is that of the limited
+    function, which is zero in the limited direction.
     """
     a = p.a_mps2
     v = max(v_mps, 0.0)

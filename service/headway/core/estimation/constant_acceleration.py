@@ -1,16 +1,16 @@
-"""The baseline model `ca`: one car by itself, x' = v, v' = a, a' = white jerk; no leader, no delay, one gate.
+"""The baseline model `ca`: one vehicle alone, x' = v, v' = a, a' = white jerk; no leader, no delay, one gate.
 
-Both readings are taken or, when nis exceeds the chi-square gate, both are rejected and the prediction stands.
+Both readings update the filter, or both are rejected if nis exceeds the chi-square gate, and the prediction stands.
 """
 
-from math import exp, sqrt
+from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from scipy.special import chdtri
 
-from headway.core.estimation.delayed_ekf import isolate
+from headway.core.estimation.delayed_ekf import SENSOR_SPEED, isolate, write_test
 from headway.core.estimation.kinematics import (
     NO_ROLES,
     PX,
@@ -25,42 +25,47 @@ from headway.core.estimation.kinematics import (
     predict,
     update_scalar,
 )
-from headway.core.statistics.fault_shape import EPISODE, close, kind_of, take
-from headway.core.statistics.innovation import nis_2d
+from headway.core.statistics.fault_shape import EPISODE, add_deviation, end_episode, likeliest_kind
+from headway.core.statistics.innovation import Innovation, nis_2d
 from headway.core.types.config import DetectorConfig
-from headway.core.types.records import Sensor
 
 NOMINAL_HZ = 10.0
+"""Message rate of SAE J2945/1 without congestion."""
 CA = np.dtype(
     [
-        ("count", "i8"),  # readings taken; 0: a row not begun
+        ("count", "i8"),  # readings; 0: a row that is not initialised
         ("t_s", "f8"),
-        ("estimate", filters(1)),  # as in `motion`, nobody lying
+        ("estimate", filters(1)),  # as in `kinematics`, without an offset
         ("rejections", "i8"),  # in a row, up to now
         ("episode", EPISODE),  # of the readings rejected in a row
     ],
     align=True,
 )
-SPEED_LIES = int(Sensor.SPEED)
 
 
 class CaParams(NamedTuple):
-    """Numbers of the model: set by hand, the same for every car."""
+    """Numbers of the model, the same for every vehicle."""
 
     gate: float
+    """Threshold of nis."""
     sensor_gate: float
+    """Threshold of one sensor's own squared, normalised innovation."""
     max_gap_s: float
+    """A longer silence initialises the filter again."""
     warming_readings: int
     rejections_max: int = 30
-    """After so many rejections in a row the filter begins anew from the reading."""
+    """Rejections in a row after which the filter is initialised at the reading."""
     r_x: float = 4e-4
     r_v: float = 4e-4
+    """Variances of a reading, m^2 and (m/s)^2: twice the noise of the published experiment, 0.01."""
     jerk: float = 0.3
+    """Density of white jerk, m^2/s^5: the start of the default model's adaptation."""
     a_var: float = 1.0
+    """Variance of the acceleration at the first reading, (m/s^2)^2."""
 
 
 def ca_params(config: DetectorConfig) -> CaParams:
-    """Return the chi-square gates that the alarm budget asks for, at 10 Hz and if all noise were Gaussian."""
+    """Return the chi-square gates for the alarm budget, at 10 Hz and with Gaussian noise."""
     share = min(0.5, config.alarm_budget_per_hour / (3600.0 * NOMINAL_HZ))
     return CaParams(
         gate=float(chdtri(2, share)),
@@ -71,57 +76,51 @@ def ca_params(config: DetectorConfig) -> CaParams:
 
 
 @njit(cache=True, error_model="numpy")
-def reject(row: Any, nu_x: float, nu_v: float, s_xx: float, s_vv: float, p: CaParams, verdict: Any) -> None:
-    """Name sensor and kind of a rejected reading."""
-    verdict.sensor = isolate(nu_x, nu_v, s_xx, s_vv, p.sensor_gate)
-    if verdict.sensor == SPEED_LIES:
-        take(row.episode, nu_v)
-        verdict.kind, verdict.confidence = kind_of(row.episode, p.r_v)
+def reject(row: Any, innovation: Innovation, p: CaParams, verdict: Any) -> None:
+    """Write sensor and kind of a rejected reading."""
+    verdict.sensor = isolate(innovation, p.sensor_gate)
+    if verdict.sensor == SENSOR_SPEED:
+        add_deviation(row.episode, innovation.nu_v)
+        verdict.kind, verdict.confidence = likeliest_kind(row.episode, p.r_v)
     else:
-        take(row.episode, nu_x)
-        verdict.kind, verdict.confidence = kind_of(row.episode, p.r_x)
+        add_deviation(row.episode, innovation.nu_x)
+        verdict.kind, verdict.confidence = likeliest_kind(row.episode, p.r_x)
 
 
 @njit(cache=True, error_model="numpy")
 def step_row(row: Any, z: Any, p: CaParams, verdict: Any) -> None:
-    """Judge one reading (READING) against one row (CA), in place, and write the VERDICT."""
+    """Update one row (CA) by one READING, in place, and write the VERDICT."""
     m = row.estimate.m
     dt_s = z.t_s - row.t_s
     row.t_s = z.t_s
-    nu_x, nu_v, nis = 0.0, 0.0, 0.0
-    anew = row.count == 0 or dt_s > p.max_gap_s
-    if anew:
+    innovation = Innovation(0.0, 0.0, p.r_x, 0.0, p.r_v, 0.0)
+    restart = row.count == 0 or dt_s > p.max_gap_s
+    if restart:
         verdict.restarted = row.count > 0
         row.count = 0
-        s_xx, s_xv, s_vv = p.r_x, 0.0, p.r_v
     else:
         predict(row.estimate, dt_s, p.jerk, 0.0)
         nu_x, nu_v = z.x_m - m[PX, 0], z.v_mps - m[VX, 0]
         s_xx, s_xv, s_vv = m[XX, 0] + p.r_x, m[XV, 0], m[VV, 0] + p.r_v
-        nis = nis_2d(nu_x, nu_v, s_xx, s_xv, s_vv, p.r_v)
-        verdict.anomalous = row.count >= p.warming_readings and nis > p.gate
+        innovation = Innovation(nu_x, nu_v, s_xx, s_xv, s_vv, nis_2d(nu_x, nu_v, s_xx, s_xv, s_vv, p.r_v))
+        verdict.anomalous = row.count >= p.warming_readings and innovation.nis > p.gate
         if verdict.anomalous:
-            reject(row, nu_x, nu_v, s_xx, s_vv, p, verdict)
+            reject(row, innovation, p, verdict)
             row.rejections += 1
-            anew = row.rejections >= p.rejections_max
-            verdict.restarted = anew
+            restart = row.rejections >= p.rejections_max
+            verdict.restarted = restart
         else:
             update_scalar(row.estimate, Z_POSITION, z.x_m, p.r_x, 0.0, NO_ROLES)
             update_scalar(row.estimate, Z_SPEED, z.v_mps, p.r_v, 0.0, NO_ROLES)
             row.rejections = 0
-            close(row.episode)
-    if anew:
+            end_episode(row.episode)
+    if restart:
         initialise(m, 0, z.x_m, z.v_mps, p.r_x, p.r_v, p.a_var)
         row.rejections = 0
-        close(row.episode)
+        end_episode(row.episode)
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
-    verdict.nis = nis
-    verdict.statistic = nis
-    verdict.gate = p.gate
-    verdict.p_value = exp(-0.5 * nis)
-    verdict.nu[0], verdict.nu[1] = nu_x, nu_v
-    verdict.S[0, 0], verdict.S[0, 1], verdict.S[1, 0], verdict.S[1, 1] = s_xx, s_xv, s_xv, s_vv
+    write_test(verdict, innovation, p.gate)
     verdict.x_m, verdict.v_mps = m[PX, 0], m[VX, 0]
     verdict.x_std_m, verdict.v_std_mps = sqrt(m[XX, 0]), sqrt(m[VV, 0])
 

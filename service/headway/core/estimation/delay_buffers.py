@@ -1,9 +1,8 @@
-"""Delay buffers: what the estimate, its covariance and the input were, tau seconds ago.
+"""Delay buffers: the estimate, its covariance and the input, tau seconds ago.
 
-A bank row may carry two rings of its own, contiguous with its state: `own_*` holds (t, s, P) and `input_*` holds
-(t, u), with u the location of the leader's rear and its speed. Both are read by linear interpolation; this is the past
-that the method of steps needs.
-A leader that changes leaves the past as it was: the driver did see the other car then.
+A row may hold two rings, contiguous with its state. `own_*` holds (t, s, P), and `input_*` holds (t, u), with u the
+position of the leader's rear and its speed. Linear interpolation gives the past that the method of steps needs.
+Another leader leaves the past unchanged, because the driver followed the former one then.
 """
 
 from math import ceil
@@ -12,9 +11,10 @@ from typing import Any
 from numba import njit
 
 SPACING_S = 0.08
-"""Nominal senders (100 ms, jitter 5 ms) are kept whole; entries closer than this are thinned."""
+"""Least distance of two entries, s: all messages of a nominal sender are stored (100 ms, jitter 5 ms)."""
 
 SPARE = 4
+"""Entries beyond the delay: the newest one, its neighbours for interpolation, and jitter."""
 
 
 def slots(delay_s: float) -> int:
@@ -30,9 +30,9 @@ def input_ring(delay_s: float) -> list[tuple[str, str] | tuple[str, str, tuple[i
 
 @njit(cache=True, error_model="numpy")
 def _slot(times: Any, count: int) -> int:
-    """Index that a new entry takes: the newest one's own when that stands too close to the one before it.
+    """Return the index of a new entry: the newest one's own if that is too close to the one before it.
 
-    So entries are `SPACING_S` apart save the newest, and a ring of `slots` reaches back however often a sender speaks.
+    So entries are `SPACING_S` apart except for the newest, and `slots` of them reach back at any message rate.
     """
     size = times.size
     if count >= 2 and times[(count - 1) % size] - times[(count - 2) % size] < SPACING_S:
@@ -42,7 +42,7 @@ def _slot(times: Any, count: int) -> int:
 
 @njit(cache=True, error_model="numpy")
 def push_own(row: Any, t: float) -> None:
-    """Remember the row's present estimate as that of time `t`."""
+    """Store the row's present estimate as that of time `t`."""
     at = _slot(row.own_t, row.own_count)
     row.own_count = at + 1
     k = at % row.own_t.size
@@ -53,7 +53,7 @@ def push_own(row: Any, t: float) -> None:
 
 @njit(cache=True, error_model="numpy")
 def push_input(row: Any, t: float, rear_x_m: float, v_mps: float) -> None:
-    """Remember the leader's sample, under its own time stamp; older ones than the newest are ignored."""
+    """Store the leader's sample under its own event time; one that is not newer is ignored."""
     if row.input_count > 0 and t <= row.input_t[(row.input_count - 1) % row.input_t.size]:
         return
     at = _slot(row.input_t, row.input_count)
@@ -83,7 +83,7 @@ def bracket(times: Any, count: int, t: float) -> tuple[int, int, float]:
 def own_at(row: Any, t: float, s: Any, P: Any) -> None:
     """Write estimate and covariance of time `t` into the first n of `s` and `P`.
 
-    Before the first entry the car is taken to have kept its first speed; after the newest, the newest holds.
+    Before the first entry the vehicle has its first speed; after the newest, the newest entry holds.
     """
     i, j, w = bracket(row.own_t, row.own_count, t)
     n = row.s.size
@@ -97,7 +97,7 @@ def own_at(row: Any, t: float, s: Any, P: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def input_at(row: Any, t: float) -> tuple[float, float, float]:
-    """Return (location of the leader's rear, v_leader, a_leader) at time `t`; NaN where nobody was ahead.
+    """Return (position of the leader's rear, v_leader, a_leader) at time `t`; NaN without a leader.
 
     Outside the ring the leader keeps its speed. a_leader is the slope of v_leader between the two entries around `t`.
     """

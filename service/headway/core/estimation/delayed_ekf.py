@@ -8,9 +8,9 @@ Model 1 (`ekf`) has s = [x, v]; Model 2 (`aekf`) has s~ = [x, v, delta]:
     P'(t) = F P(t - tau) + P(t - tau) F' + Q           F at the delayed state and input
     H     = [[1, 0, 1], [0, 1, 0]]                     without the third column and row for Model 1
 
-With tau > 0 the right-hand sides are known functions of time (method of steps) and Simpson's rule integrates them;
-with tau = 0 they are an ordinary equation and the classical Runge-Kutta rule does. The delayed covariance equation does
-not keep P positive definite: `guard` mends it and says so.
+With tau > 0 the right-hand sides are known functions of time (method of steps), and Simpson's rule integrates them.
+With tau = 0 they are an ordinary equation, and the classical Runge-Kutta rule integrates it. The delayed covariance
+equation does not keep P positive definite: `repair_covariance` restores that and reports it.
 """
 
 from math import ceil, exp, isnan, sqrt
@@ -21,45 +21,52 @@ from numba import njit
 
 from headway.core.estimation.car_following import IdmParams, idm
 from headway.core.estimation.delay_buffers import input_at, own_at, push_input, push_own
-from headway.core.statistics.fault_shape import close, kind_of, take
-from headway.core.statistics.innovation import conditional_variance, nis_2d
+from headway.core.statistics.fault_shape import add_deviation, end_episode, likeliest_kind
+from headway.core.statistics.innovation import Innovation, conditional_variance, nis_2d
 from headway.core.types.records import Sensor
 
 SUBSTEP_S = 0.1
+"""Longest step of the integration, s: the nominal interval of SAE J2945/1."""
 SUBSTEPS_MAX = 64
 P_FLOOR = 1e-6
-"""Smallest eigenvalue that the guard leaves in P."""
+"""Least eigenvalue of a repaired P: a millimetre and a millimetre per second, squared."""
 P_CEILING = 1e6
-"""Largest entry: a kilometre and a kilometre per second, squared."""
+"""Largest entry of P: a kilometre and a kilometre per second, squared."""
 
-LOCATION, SPEED, BOTH, NONE = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.BOTH), int(Sensor.NONE)
+SENSOR_LOCATION, SENSOR_SPEED, SENSOR_BOTH = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.BOTH)
 
 
 class FilterParams(NamedTuple):
-    """Numbers of Model 1 and Model 2; Q is per second, R per reading, as published."""
+    """Numbers of Model 1 and Model 2 as published: Q per second, R per reading."""
 
     idm: IdmParams
     delay_s: float
+    """tau, s."""
     delay_jitter_s: float
+    """sigma_1: standard deviation of a stochastic delay, s."""
     gate: float
-    """Threshold sigma on nis."""
+    """sigma: threshold of nis."""
     sensor_gate: float
-    """Threshold on one sensor's own squared, normalised innovation."""
+    """Threshold of one sensor's own squared, normalised innovation."""
     q_x: float
     q_v: float
     q_delta: float
+    """Diagonal of Q, m^2/s, (m/s)^2/s, m^2/s."""
     r_x: float
     r_v: float
+    """Diagonal of R, m^2, (m/s)^2."""
     p0: float
+    """Diagonal of P at the first reading, m^2, (m/s)^2, m^2."""
     delta_limit_m: float
-    """delta beyond this is reset to zero, as published."""
+    """A larger delta is reset to zero, as published."""
     max_gap_s: float
+    """A longer silence initialises the filter again."""
     warming_readings: int
     rejections_max: int
-    """After so many rejections in a row the filter begins anew from the reading, so that it is never locked out."""
+    """Rejections in a row after which the filter is initialised at the reading, so that it is never locked out."""
 
 
-ROOM = np.dtype(
+WORKSPACE = np.dtype(
     [
         ("s", "f8", (3,)),
         ("P", "f8", (3, 3)),
@@ -72,7 +79,7 @@ ROOM = np.dtype(
     ],
     align=True,
 )
-"""What a step works in, for a state of at most three. Parts of a record are not counted references, as arrays are."""
+"""What a step works in, for a state of at most three: a record, because its parts are not counted references."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -108,15 +115,15 @@ def rates(row: Any, at: float, s: Any, P: Any, p: FilterParams, ds: Any, dP: Any
 
 
 @njit(cache=True, error_model="numpy")
-def guard(P: Any) -> bool:
-    """Make P symmetric and positive definite in place; return whether more than symmetry had to be mended.
+def repair_covariance(P: Any) -> bool:
+    """Make P symmetric and positive definite in place; return whether more than symmetry had to be repaired.
 
-    A covariance that has outgrown `P_CEILING` (a long gap behind a very close leader) knows nothing: it begins anew.
+    A covariance beyond `P_CEILING`, as after a long gap behind a close leader, holds no knowledge and is reset to it.
     """
     n = P.shape[0]
     for a in range(n):
         for b in range(n):
-            if not abs(P[a, b]) < P_CEILING:  # nor is infinity, nor what is no number
+            if not abs(P[a, b]) < P_CEILING:  # infinity and NaN are not below it either
                 P[:, :] = P_CEILING * np.eye(n)
                 return True
     for a in range(n):
@@ -143,7 +150,7 @@ def guard(P: Any) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None:
+def add_weighted(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None:
     """Add weighted rates to their sums."""
     for a in range(n):
         sum_s[a] += weight * ds[a]
@@ -152,15 +159,15 @@ def add(n: int, sum_s: Any, sum_P: Any, weight: float, ds: Any, dP: Any) -> None
 
 
 @njit(cache=True, error_model="numpy")
-def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
-    """Carry s and P of the row from row.t_s to `t_s`; return whether the covariance guard had to act."""
+def predict(row: Any, t_s: float, p: FilterParams, workspace: Any) -> bool:
+    """Integrate s and P of the row from row.t_s to `t_s`; return whether P had to be repaired."""
     n = row.s.size
     tau = p.delay_s
     longest = SUBSTEP_S if tau == 0.0 else min(SUBSTEP_S, tau)
     steps = min(SUBSTEPS_MAX, max(1, ceil((t_s - row.t_s) / longest - 1e-6)))
     h = (t_s - row.t_s) / steps
     start = row.t_s
-    s, P, ds, dP, sum_s, sum_P = room.s, room.P, room.ds, room.dP, room.sum_s, room.sum_P
+    s, P, ds, dP, sum_s, sum_P = workspace.s, workspace.P, workspace.ds, workspace.dP, workspace.sum_s, workspace.sum_P
     ds[:] = 0.0
     dP[:, :] = 0.0
     for step in range(steps):
@@ -176,14 +183,14 @@ def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
                         P[a, b] = row.P[a, b] + c * h * dP[a, b]
                 rates(row, t + c * h, s, P, p, ds, dP)
                 weight = 1.0 if stage in (0, 3) else 2.0
-                add(n, sum_s, sum_P, weight, ds, dP)
+                add_weighted(n, sum_s, sum_P, weight, ds, dP)
         else:
             for stage in range(3):
                 at = t + 0.5 * stage * h - tau
                 own_at(row, at, s, P)
                 rates(row, at, s, P, p, ds, dP)
                 weight = 4.0 if stage == 1 else 1.0
-                add(n, sum_s, sum_P, weight, ds, dP)
+                add_weighted(n, sum_s, sum_P, weight, ds, dP)
         for a in range(n):
             row.s[a] += h / 6.0 * sum_s[a]
             for b in range(n):
@@ -191,19 +198,19 @@ def predict(row: Any, t_s: float, p: FilterParams, room: Any) -> bool:
         if tau > 0.0 and step < steps - 1:
             push_own(row, t + h)
     row.t_s = t_s
-    return guard(row.P)
+    return repair_covariance(row.P)
 
 
 @njit(cache=True, error_model="numpy")
 def observed(row: Any) -> tuple[float, float]:
-    """H s: what the sensors should read."""
+    """Return H s, what the sensors should read."""
     x = row.s[0] + row.s[2] if row.s.size == 3 else row.s[0]
     return x, row.s[1]
 
 
 @njit(cache=True, error_model="numpy")
 def observed_covariance(row: Any) -> tuple[float, float, float]:
-    """H P H' as (location, covariance, speed)."""
+    """Return H P H' as (position, covariance, speed)."""
     P = row.P
     if row.s.size == 3:
         return P[0, 0] + 2.0 * P[0, 2] + P[2, 2], P[0, 1] + P[2, 1], P[1, 1]
@@ -211,24 +218,23 @@ def observed_covariance(row: Any) -> tuple[float, float, float]:
 
 
 @njit(cache=True, error_model="numpy")
-def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> tuple[float, float, float, float, float, float]:
-    """Return (nu_x, nu_v, S_xx, S_xv, S_vv, nis) of a reading against the prediction in the row."""
+def innovate(row: Any, z_x: float, z_v: float, p: FilterParams) -> Innovation:
+    """Return nu = z - H s and S = H P H' + R of a reading, by the prediction in the row."""
     x, v = observed(row)
     c_xx, c_xv, c_vv = observed_covariance(row)
     s_xx, s_xv, s_vv = c_xx + p.r_x, c_xv, c_vv + p.r_v
     nu_x, nu_v = z_x - x, z_v - v
-    return nu_x, nu_v, s_xx, s_xv, s_vv, nis_2d(nu_x, nu_v, s_xx, s_xv, s_vv, p.r_v)
+    return Innovation(nu_x, nu_v, s_xx, s_xv, s_vv, nis_2d(nu_x, nu_v, s_xx, s_xv, s_vv, p.r_v))
 
 
 @njit(cache=True, error_model="numpy")
-def update(
-    row: Any, nu_x: float, nu_v: float, s_xx: float, s_xv: float, s_vv: float, p: FilterParams, room: Any
-) -> bool:
-    """K = P H' S^-1; s += K nu; P -= K S K'. Return whether the covariance guard had to act."""
+def update(row: Any, innovation: Innovation, p: FilterParams, workspace: Any) -> bool:
+    """K = P H' S^-1; s += K nu; P -= K S K'. Return whether P had to be repaired."""
     n = row.s.size
+    nu_x, nu_v, s_xx, s_xv, s_vv, _ = innovation
     det = s_xx * conditional_variance(s_xx, s_xv, s_vv, p.r_v)
     i_xx, i_xv, i_vv = s_vv / det, -s_xv / det, s_xx / det
-    PH, K = room.PH, room.K
+    PH, K = workspace.PH, workspace.K
     for a in range(n):
         PH[a, 0] = row.P[a, 0] + row.P[a, 2] if n == 3 else row.P[a, 0]
         PH[a, 1] = row.P[a, 1]
@@ -238,12 +244,12 @@ def update(
         row.s[a] += K[a, 0] * nu_x + K[a, 1] * nu_v
         for b in range(n):
             row.P[a, b] -= K[a, 0] * PH[b, 0] + K[a, 1] * PH[b, 1]
-    return guard(row.P)
+    return repair_covariance(row.P)
 
 
 @njit(cache=True, error_model="numpy")
-def begin(row: Any, z: Any, p: FilterParams) -> None:
-    """Start the filter at a reading: s = z, delta = 0, P = P0, with an empty past."""
+def initialise(row: Any, z: Any, p: FilterParams) -> None:
+    """Initialise the filter at a reading: s = z, delta = 0, P = P0, with an empty past."""
     row.t_s = z.t_s
     row.s[:] = 0.0
     row.s[0] = z.x_m
@@ -253,13 +259,13 @@ def begin(row: Any, z: Any, p: FilterParams) -> None:
         row.P[a, a] = p.p0
     row.own_count = 0
     row.rejections = 0
-    close(row.episode)
+    end_episode(row.episode)
     push_own(row, z.t_s)
 
 
 @njit(cache=True, error_model="numpy")
-def hear_leader(row: Any, z: Any) -> None:
-    """Take the leader's newest sample into the input ring; nobody ahead is remembered as well."""
+def push_leader(row: Any, z: Any) -> None:
+    """Store the leader's newest sample in the ring of inputs; no leader is stored as NaN."""
     if isnan(z.leader_t_s):
         push_input(row, z.t_s, z.leader_t_s, z.leader_t_s)
     else:
@@ -267,63 +273,72 @@ def hear_leader(row: Any, z: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def isolate(nu_x: float, nu_v: float, s_xx: float, s_vv: float, sensor_gate: float) -> int:
-    """Name the sensor whose own innovation exceeds its gate; both, when both or only their combination do."""
-    x_bad = nu_x * nu_x > sensor_gate * s_xx
-    v_bad = nu_v * nu_v > sensor_gate * s_vv
-    if x_bad == v_bad:
-        return BOTH
-    return LOCATION if x_bad else SPEED
+def isolate(innovation: Innovation, sensor_gate: float) -> int:
+    """Return the `Sensor` whose own innovation exceeds its gate; both, if both or only their combination do."""
+    nu_x, nu_v, s_xx, _, s_vv, _ = innovation
+    x_faulty = nu_x * nu_x > sensor_gate * s_xx
+    v_faulty = nu_v * nu_v > sensor_gate * s_vv
+    if x_faulty == v_faulty:
+        return SENSOR_BOTH
+    return SENSOR_LOCATION if x_faulty else SENSOR_SPEED
 
 
 @njit(cache=True, error_model="numpy")
-def step(row: Any, z: Any, p: FilterParams, verdict: Any, room: Any) -> None:
-    """Judge one reading (READING) against one bank row, in place, and write the VERDICT.
+def reject(row: Any, z: Any, innovation: Innovation, p: FilterParams, verdict: Any) -> None:
+    """Write sensor and kind of a rejected reading; initialise the row after too many of them."""
+    nu_x, nu_v, s_xx, _, s_vv, _ = innovation
+    row.rejections += 1
+    verdict.sensor = isolate(innovation, p.sensor_gate)
+    by_speed = nu_v**2 * s_xx > nu_x**2 * s_vv
+    add_deviation(row.episode, nu_v if by_speed else nu_x)
+    verdict.kind, verdict.confidence = likeliest_kind(row.episode, p.r_v if by_speed else p.r_x)
+    if row.rejections < p.rejections_max:
+        push_own(row, z.t_s)
+    else:
+        verdict.restarted = True
+        initialise(row, z, p)
 
-    Recovery is the prediction: a rejected reading is not learnt from.
+
+@njit(cache=True, error_model="numpy")
+def write_test(verdict: Any, innovation: Innovation, gate: float) -> None:
+    """Write innovation and chi-square test to the VERDICT: P(chi^2_2 > nis) = exp(-nis / 2)."""
+    verdict.nis = verdict.statistic = innovation.nis
+    verdict.gate = gate
+    verdict.p_value = exp(-0.5 * innovation.nis)
+    verdict.nu[0], verdict.nu[1] = innovation.nu_x, innovation.nu_v
+    verdict.S[0, 0], verdict.S[1, 1] = innovation.s_xx, innovation.s_vv
+    verdict.S[0, 1] = verdict.S[1, 0] = innovation.s_xv
+
+
+@njit(cache=True, error_model="numpy")
+def step(row: Any, z: Any, p: FilterParams, verdict: Any, workspace: Any) -> None:
+    """Update one row by one READING, in place, and write the VERDICT.
+
+    A rejected reading does not update the state: the prediction is the recovered value.
     """
-    hear_leader(row, z)
+    push_leader(row, z)
     if row.count == 0 or z.t_s - row.t_s > p.max_gap_s:
         verdict.restarted = row.count > 0
         row.count = 0
-        begin(row, z, p)
-        nu_x, nu_v, nis = 0.0, 0.0, 0.0
-        s_xx, s_xv, s_vv = p.p0 + p.r_x, 0.0, p.p0 + p.r_v
+        initialise(row, z, p)
+        innovation = Innovation(0.0, 0.0, p.p0 + p.r_x, 0.0, p.p0 + p.r_v, 0.0)
     else:
-        verdict.repaired = predict(row, z.t_s, p, room)
-        nu_x, nu_v, s_xx, s_xv, s_vv, nis = innovate(row, z.x_m, z.v_mps, p)
-        # Written so that a nis that is no number is anomalous: it is rejected, and the restart heals the row.
-        verdict.anomalous = row.count >= p.warming_readings and not nis <= p.gate
-        if not verdict.anomalous:
+        verdict.repaired = predict(row, z.t_s, p, workspace)
+        innovation = innovate(row, z.x_m, z.v_mps, p)
+        # A nis that is not a number is anomalous: the reading is rejected, and the row is initialised again in the end.
+        verdict.anomalous = row.count >= p.warming_readings and not innovation.nis <= p.gate
+        if verdict.anomalous:
+            reject(row, z, innovation, p, verdict)
+        else:
             row.rejections = 0
-            close(row.episode)
-            verdict.repaired |= update(row, nu_x, nu_v, s_xx, s_xv, s_vv, p, room)
+            end_episode(row.episode)
+            verdict.repaired |= update(row, innovation, p, workspace)
             if row.s.size == 3 and abs(row.s[2]) > p.delta_limit_m:
                 row.s[2] = 0.0
             push_own(row, z.t_s)
-        else:
-            row.rejections += 1
-            verdict.sensor = isolate(nu_x, nu_v, s_xx, s_vv, p.sensor_gate)
-            by_speed = nu_v**2 * s_xx > nu_x**2 * s_vv
-            take(row.episode, nu_v if by_speed else nu_x)
-            verdict.kind, verdict.confidence = kind_of(row.episode, p.r_v if by_speed else p.r_x)
-            if row.rejections < p.rejections_max:
-                push_own(row, z.t_s)
-            else:
-                verdict.restarted = True
-                begin(row, z, p)
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
-    verdict.nis = nis
-    verdict.statistic = nis
-    verdict.gate = p.gate
-    verdict.p_value = exp(-0.5 * nis)
-    verdict.nu[0] = nu_x
-    verdict.nu[1] = nu_v
-    verdict.S[0, 0] = s_xx
-    verdict.S[0, 1] = s_xv
-    verdict.S[1, 0] = s_xv
-    verdict.S[1, 1] = s_vv
+    write_test(verdict, innovation, p.gate)
     verdict.x_m, verdict.v_mps = observed(row)
     c_xx, _, c_vv = observed_covariance(row)
     verdict.x_std_m = sqrt(c_xx)
@@ -332,15 +347,15 @@ def step(row: Any, z: Any, p: FilterParams, verdict: Any, room: Any) -> None:
 
 @njit(cache=True, error_model="numpy")
 def step_row(row: Any, z: Any, p: FilterParams, verdict: Any) -> None:
-    """Judge one reading against one row."""
-    room = np.zeros(1, ROOM)
-    for place in range(room.size):  # a record does not keep its array alive, a loop over it does
-        step(row, z, p, verdict, room[place])
+    """Update one row by one reading."""
+    workspace = np.zeros(1, WORKSPACE)
+    for place in range(workspace.size):  # the loop keeps the array alive, which a record does not
+        step(row, z, p, verdict, workspace[place])
 
 
 @njit(cache=True, error_model="numpy")
 def step_batch(bank: Any, rows: Any, readings: Any, p: FilterParams, verdicts: Any) -> None:
     """`step_row` for each of the distinct `rows` (B,), with `readings` and `verdicts` (B,): one call for a batch."""
-    room = np.zeros(1, ROOM)
+    workspace = np.zeros(1, WORKSPACE)
     for i in range(rows.size):
-        step(bank[rows[i]], readings[i], p, verdicts[i], room[0])
+        step(bank[rows[i]], readings[i], p, verdicts[i], workspace[0])

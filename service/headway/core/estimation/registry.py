@@ -1,4 +1,4 @@
-"""The motion models by name: what a bank row holds, its numbers, and the kernel that judges a reading."""
+"""The motion models by name: the record of a row, the numbers, and the kernel that updates a row by a reading."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,11 +32,11 @@ class Model:
     def warm_up(self) -> None:
         """Compile or load `step_batch`.
 
-        Of several processes that would compile one kernel for different rows, as those of different delays are, one
-        overwrites what the other keeps: whoever starts them does this before.
+        Processes that compile one kernel for different rows, such as rows of different delays, overwrite each other's
+        cache. So call this before starting them.
         """
-        nothing = np.zeros(0, np.int64)
-        self.step_batch(np.zeros(1, self.dtype), nothing, readings(0), self.params, verdicts(0))
+        no_rows = np.zeros(0, np.int64)
+        self.step_batch(np.zeros(1, self.dtype), no_rows, readings(0), self.params, verdicts(0))
 
 
 def paper_dtype(order: int, delay_s: float) -> np.dtype[np.void]:
@@ -44,7 +44,7 @@ def paper_dtype(order: int, delay_s: float) -> np.dtype[np.void]:
     k, n = slots(delay_s), order
     return np.dtype(
         [
-            ("count", "i8"),  # readings taken; 0: a row not begun
+            ("count", "i8"),  # readings; 0: a row that is not initialised
             ("t_s", "f8"),  # event time of s and P
             ("rejections", "i8"),  # in a row, up to now
             ("episode", EPISODE),  # of the readings rejected in a row
@@ -61,7 +61,7 @@ def paper_dtype(order: int, delay_s: float) -> np.dtype[np.void]:
 
 
 def paper_params(config: DetectorConfig) -> FilterParams:
-    """Q, R and P0 as published; the gate is the chi-square quantile that the alarm budget asks for."""
+    """Return Q, R and P0 as published (docs/PAPER.md), and the chi-square gates for the alarm budget."""
     false_alarm = min(0.5, config.alarm_budget_per_hour / READINGS_PER_HOUR)
     return FilterParams(
         idm=IdmParams(),
@@ -69,6 +69,7 @@ def paper_params(config: DetectorConfig) -> FilterParams:
         delay_jitter_s=config.delay_jitter_s,
         gate=float(chdtri(2, false_alarm)),
         sensor_gate=float(chdtri(1, false_alarm)),
+        # docs/PAPER.md, "Noise"; `rejections_max` is ours.
         q_x=0.5,
         q_v=0.3,
         q_delta=1e-2,
@@ -100,5 +101,5 @@ MODELS: dict[str, Callable[[DetectorConfig], Model]] = {
 
 
 def build(config: DetectorConfig) -> Model:
-    """Return the model that `config` names; KeyError for an unknown name (settings refuse it before)."""
+    """Return the model that `config` names; KeyError for an unknown name (settings refuse it earlier)."""
     return MODELS[config.model](config)

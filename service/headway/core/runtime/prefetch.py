@@ -1,4 +1,4 @@
-"""Memory asked for before it is needed: the rows of a wave lie anywhere in a table that no cache holds."""
+"""Prefetch of memory: the rows of a round are spread over a table that is larger than the caches."""
 
 from typing import Any
 
@@ -7,10 +7,11 @@ from numba import njit, types
 from numba.extending import intrinsic
 
 LINE_BYTES = 64
+"""Cache line of x86-64 and most ARM processors."""
 
 
-def _ask_for(_typing: Any, _address: Any) -> Any:
-    """Type and code of `_prefetch(address)`: LLVM's own instruction, of which numba knows nothing."""
+def _prefetch_intrinsic(_typing: Any, _address: Any) -> Any:
+    """Type and code of `_prefetch(address)`: an instruction of LLVM that numba does not offer."""
 
     def generate(context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
         byte, number = ir.IntType(8).as_pointer(), ir.IntType(32)
@@ -23,12 +24,12 @@ def _ask_for(_typing: Any, _address: Any) -> Any:
     return types.void(types.uintp), generate
 
 
-_prefetch: Any = intrinsic(_ask_for)
+_prefetch: Any = intrinsic(_prefetch_intrinsic)
 
 
 @njit(cache=True, error_model="numpy")
 def prefetch_row(table: Any, row: int, start: int, stop: int) -> None:
-    """Ask for the bytes from `start` to `stop` of a row of `table` (C,); a hint, which changes no result."""
+    """Prefetch the bytes from `start` to `stop` of a row of `table` (C,); a hint that changes no result."""
     address = table.ctypes.data + row * table.strides[0]
     for byte in range(start, stop, LINE_BYTES):
         _prefetch(address + byte)

@@ -1,7 +1,7 @@
 """One numpy record per vehicle, and one compiled call per batch of readings.
 
-The bank itself is a structured array whose dtype the model names; a pair's state and its delay buffers are contiguous,
-and a record of zeros is a vehicle not heard yet.
+The bank is a structured array whose dtype the model names. Each row holds a vehicle's state and delay buffers in one
+piece, and a row of zeros is a vehicle that is not initialised.
 """
 
 from collections.abc import Callable
@@ -23,10 +23,10 @@ def readings(count: int) -> Records:
 
 
 def wipe(bank: Records, rows: "np.ndarray[Any, np.dtype[np.int64]]") -> None:
-    """Set the `rows` to zeros, as bytes: numpy would go through a record field by field."""
+    """Set the `rows` to zeros as bytes, because numpy sets a record field by field."""
     bank.view(np.uint8).reshape(bank.size, -1)[rows] = 0
 
 
 def verdicts(count: int) -> Records:
-    """Return room for `count` verdicts."""
+    """Return `count` empty verdicts."""
     return np.zeros(count, VERDICT)

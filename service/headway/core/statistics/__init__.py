@@ -1,1 +1,1 @@
-"""Gates, test results and estimators that several rooms share."""
+"""Gates, test results and estimators that several folders of core share."""

@@ -1,18 +1,18 @@
-"""From the false alarms that an operator accepts to a gate on a vehicle's log odds, learnt while driving.
+"""The gate of a statistic from an accepted rate of false alarms, learnt for each vehicle from its own readings.
 
-On clean readings a log likelihood ratio exceeds s with a probability that falls like exp(-s) (Wald's inequality), so
-its excursions above a low level have exponential peaks; only their rate and their mean size depend on the car, its
-sensors and how well the model fits. Peaks over a threshold (Pickands 1975, doi:10.1214/aos/1176343003):
+On clean readings a log likelihood ratio exceeds s with a probability of order exp(-s) (Wald 1945,
+doi:10.1214/aoms/1177731118). So its excursions above a low threshold u have exponential peaks. Only their rate and mean
+excess depend on vehicle, sensors and fit of the model (peaks over threshold; Pickands 1975,
+doi:10.1214/aos/1176343003):
 
-    alarms per hour at gate g = rate exp(-(g - level) / mean)        gate = level + mean ln(rate / budget)
+    alarms per hour at gate g = rate exp(-(g - u) / mean)        gate = u + mean ln(rate / budget)
 
-Real faults must not teach the gate. So nothing is learnt from an excursion that raised an alarm, nor within `holdoff_s`
-of one; and only peaks within `truncation` of the level count, whose mean m is that of an exponential cut there,
+Real faults must not raise the gate. So an excursion that raised an alarm is not learnt, nor one within `holdoff_s` of
+it. Only peaks less than the truncation T above u count. Their mean m is that of an exponential cut at T, so
 
-    m = mean - span / (exp(span / mean) - 1)
+    m = mean - T / (exp(T / mean) - 1)
 
-A prior worth `prior_exceedances` excursions holds until the vehicle has shown its own, and what was learnt fades with
-`memory_s`, for traffic changes.
+The prior weighs as much as `prior_exceedances` excursions. What was learnt fades with `memory_s`, as traffic changes.
 """
 
 from math import exp, log
@@ -23,33 +23,43 @@ from numba import njit
 
 TAIL = np.dtype(
     [
-        ("exceedances", "f8"),  # excursions learnt, each with its peak within `truncation`; fades like the next two
-        ("excess_sum", "f8"),  # sum of those peaks above the level
-        ("exposure_s", "f8"),  # how long was listened
-        ("mean", "f8"),  # of the exponential; 0 in a fresh row: the prior's
-        ("current_excess", "f8"),  # excess so far of the excursion under way; 0: none
-        ("holdoff_s", "f8"),  # how long still to wait after an alarm
+        ("exceedances", "f8"),  # excursions with a peak below the truncation; fades like the next two
+        ("excess_sum", "f8"),  # sum of their peaks above the threshold
+        ("exposure_s", "f8"),  # observed time
+        ("mean", "f8"),  # of the exponential; 0 in a new row: that of the prior
+        ("current_excess", "f8"),  # largest excess of the present excursion; 0: none
+        ("holdoff_s", "f8"),  # remaining time without learning after an alarm
     ],
     align=True,
 )
 
 
 class Budget(NamedTuple):
-    """What is accepted, and what a vehicle is taken for before it is known."""
+    """The accepted false alarms, and the prior tail of a vehicle. Values: ADR 0006."""
 
     alarms_per_hour: float
     threshold: float
+    """u, in units of the statistic."""
     truncation: float
+    """T, in units of the statistic."""
     prior_mean: float
+    """Mean excess of a peak above u, in units of the statistic."""
     prior_rate_per_hour: float
+    """Excursions per hour."""
     prior_exceedances: float
+    """Excursions that the prior is worth."""
     holdoff_s: float
+    """Time without learning after an alarm, s."""
     memory_s: float
+    """Time constant of the learnt tail, s."""
 
 
 @njit(cache=True, error_model="numpy")
 def untruncated_mean(truncated_mean: float, truncation: float) -> float:
-    """Return the mean of an exponential whose mean below `truncation` is `truncated_mean`, at most 0.45 of it."""
+    """Return the mean of an exponential whose mean below `truncation` is `truncated_mean`; at most 0.45 of it counts.
+
+    The fixed point converges below half of the truncation, which is the truncated mean of an unbounded mean.
+    """
     target = min(truncated_mean, 0.45 * truncation)
     mean = target
     for _ in range(40):
@@ -59,7 +69,7 @@ def untruncated_mean(truncated_mean: float, truncation: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
-    """Return excursions per hour and the mean size of their peaks, prior included."""
+    """Return excursions per hour and the mean excess of their peaks, prior included."""
     mean = tail.mean if tail.mean > 0.0 else p.prior_mean
     hours = p.prior_exceedances / p.prior_rate_per_hour + tail.exposure_s / 3600.0
     seen = 1.0 - exp(-p.truncation / p.prior_mean)
@@ -68,21 +78,21 @@ def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def gate(tail: Any, p: Budget) -> float:
-    """Return the log odds that clean readings of this vehicle exceed as often as the budget allows."""
+    """Return the gate that clean readings of this vehicle exceed at the accepted rate."""
     rate, mean = rate_and_mean(tail, p)
     return float(p.threshold + mean * max(log(rate / p.alarms_per_hour), 0.0))
 
 
 @njit(cache=True, error_model="numpy")
 def false_alarms_per_hour(tail: Any, log_odds: float, p: Budget) -> float:
-    """Return how often an hour of clean readings of this vehicle goes as high as `log_odds`."""
+    """Return how many excursions per hour of clean readings of this vehicle reach `log_odds`."""
     rate, mean = rate_and_mean(tail, p)
     return float(rate * exp(-max(log_odds - p.threshold, 0.0) / mean))
 
 
 @njit(cache=True, error_model="numpy")
 def learn(tail: Any, log_odds: float, alarm: bool, dt_s: float, p: Budget) -> None:
-    """Take the next log odds, which stood for `dt_s`, and whether they raised an alarm."""
+    """Learn from the next log odds, which held for `dt_s`, and from whether they raised an alarm."""
     if alarm:
         tail.holdoff_s = p.holdoff_s
         tail.current_excess = 0.0

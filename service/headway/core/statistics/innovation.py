@@ -10,7 +10,20 @@ P is positive semidefinite, so S_v|x is at least R_vv. The determinant S_xx S_vv
 takes it to zero, or below, where the position says nearly all of the speed.
 """
 
+from typing import NamedTuple
+
 from numba import njit
+
+
+class Innovation(NamedTuple):
+    """Innovation of position and speed, its covariance S, and nis."""
+
+    nu_x: float
+    nu_v: float
+    s_xx: float
+    s_xv: float
+    s_vv: float
+    nis: float
 
 
 @njit(cache=True, error_model="numpy")

@@ -1,9 +1,9 @@
-"""Ridge regression that forgets, in information form: y = theta' phi + noise, theta learnt one sample at a time.
+"""Recursive ridge regression with forgetting, in information form: y = theta' phi + noise.
 
     A <- f A + w phi phi'       b <- f b + w y phi       theta = (A + ridge I)^-1 (b + ridge prior)
 
-f is the forgetting factor and w the sample's weight. The ridge is added when solving, never forgotten: columns that
-are not excited (a car at a steady speed) fall back to the prior instead of winding up, as a covariance form would.
+f is the forgetting factor and w the sample's weight. The ridge is added when solving and is not forgotten. So columns
+without excitation, as at a steady speed, return to the prior, where a covariance form would wind up.
 A is packed: its lower triangle row by row, n (n + 1) / 2 numbers.
 """
 
@@ -16,7 +16,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy")
 def ridge_learn(A: Any, b: Any, phi: Any, y: float, forget: float, weight: float) -> None:
-    """Take one sample into A (n (n + 1) / 2,) and b (n,), in place."""
+    """Add one sample to A (n (n + 1) / 2,) and b (n,), in place."""
     at = 0
     for row in range(b.size):
         weighted = weight * phi[row]
@@ -28,7 +28,7 @@ def ridge_learn(A: Any, b: Any, phi: Any, y: float, forget: float, weight: float
 
 @njit(cache=True, error_model="numpy")
 def ridge_solve(A: Any, b: Any, ridge: float, prior: Any, theta: Any) -> None:
-    """Write theta (n,) by Cholesky's factorisation of A + ridge I; `ridge` above 0, `prior` (n,) or a tuple."""
+    """Write theta (n,) by a Cholesky factorisation of A + ridge I; `ridge` above 0, `prior` (n,) or a tuple."""
     n = b.size
     L = np.empty(A.size)
     for row in range(n):

@@ -1,4 +1,4 @@
-"""What one test between two cars says of one reading; the same record and the same kind of gate for every such test."""
+"""Result of one test between two vehicles at one reading, and the budget of its gate."""
 
 import numpy as np
 
@@ -8,7 +8,7 @@ CHECK = np.dtype(
     [
         ("statistic", "f8"),  # in standard deviations
         ("gate", "f8"),
-        ("p_value", "f8"),  # how often clean readings go so high, per look
+        ("p_value", "f8"),  # probability of such a statistic on clean readings, per test
         ("anomalous", "?"),
         ("warming", "?"),
     ],
@@ -19,8 +19,8 @@ CHECK = np.dtype(
 def check_budget(alarms_per_hour: float) -> Budget:
     """Return the budget of a test whose statistic is in standard deviations.
 
-    The prior is that of the speed changes that drivers leave unexplained: cruise control shows 30 to 60 excursions an
-    hour, humans 220 to 400, of 0.5 to 0.8 on average (a Gaussian's 0.37).
+    The prior is that of unexplained speed changes (ADR 0007, "Options for the gate"). Cruise control shows 30 to 60
+    excursions an hour and humans 220 to 400, with a mean of 0.5 to 0.8. A Gaussian has a mean of 0.37.
     """
     return Budget(
         alarms_per_hour=alarms_per_hour,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from headway.core.estimation.delay_buffers import own_at
-from headway.core.estimation.delayed_ekf import ROOM, innovate, predict
+from headway.core.estimation.delayed_ekf import WORKSPACE, innovate, predict
 from headway.core.estimation.registry import paper_dtype
 from headway.core.runtime.rows import verdicts
 from headway_loadtest.evaluate.paper.follower import corrupt, drive
@@ -35,9 +35,9 @@ def row_after(leader: Leader, model: str, samples: int):
 @pytest.mark.parametrize("model", ["ekf", "aekf"])
 def test_the_oracle_leaves_no_innovation_to_the_truth(leader: Leader, model: str) -> None:
     bank, p = row_after(leader, model, 100)
-    predict(bank[0], 10.1, p, np.zeros(1, ROOM)[0])
+    predict(bank[0], 10.1, p, np.zeros(1, WORKSPACE)[0])
     before = bank[0]["P"].copy()
-    stand_in_truth(bank[0], 70.0, 12.0, p, np.zeros(1, ROOM)[0])
+    stand_in_truth(bank[0], 70.0, 12.0, p, np.zeros(1, WORKSPACE)[0])
     nu_x, nu_v, *_ = innovate(bank[0], 70.0, 12.0, p)
     assert (nu_x, nu_v) == pytest.approx((0.0, 0.0), abs=1e-12)
     assert np.trace(bank[0]["P"]) < np.trace(before)
