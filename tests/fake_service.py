@@ -136,7 +136,7 @@ class Traffic:
 
 def health(uptime_s: float, t_us: int, *, vehicles: int = 100, site: str = "local", instance: str = "rsu-1") -> Health:
     """Return a report of an instance that judged 10 messages a second of each vehicle."""
-    judged = int(10 * vehicles * uptime_s)
+    records = int(10 * vehicles * uptime_s)
     return Health(
         instance=instance,
         site=site,
@@ -151,8 +151,8 @@ def health(uptime_s: float, t_us: int, *, vehicles: int = 100, site: str = "loca
         capacity=4_096,
         queue_depth=int(20 + 15 * math.sin(uptime_s)),
         queue_limit=50_000,
-        scored=int(0.97 * judged),
-        warming=int(0.03 * judged),
+        scored=int(0.97 * records),
+        warming=int(0.03 * records),
         rejected={"out_of_range": 41 + int(uptime_s), "duplicate": 17, "unavailable": 6, "too_old": 3},
         lost={"transport": 2},
         events=12,

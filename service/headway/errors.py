@@ -1,4 +1,4 @@
-"""What the user of a command can mend."""
+"""Errors that the user of a command can repair."""
 
 import re
 from typing import Final
@@ -7,7 +7,7 @@ _SOURCE_PLACE: Final = re.compile(r" at /\S+\.rs:\d+\.?")
 
 
 class UserError(Exception):
-    """One line: what is wrong and what to do. A command that meets it ends with status 2."""
+    """One line: what is wrong and what to do. A command that raises it ends with status 2."""
 
 
 def zenoh_reason(error: Exception) -> str:

@@ -1,4 +1,4 @@
-"""The folder where numba keeps compiled kernels, filled by one process at a time."""
+"""The folder of compiled kernels, which one process at a time fills."""
 
 import fcntl
 import hashlib
@@ -25,8 +25,8 @@ def kernels_digest(package: Path = _PACKAGE) -> str:
 def use() -> None:
     """Name the folder to numba, which must know it before it is imported; NUMBA_CACHE_DIR wins.
 
-    numba keys a cached kernel by its own file alone. It would go on using one whose callees in other files have
-    changed, so the folder is named by the digest of them all.
+    numba keys a cached kernel by its own file only and would use it after a change of its callees in other files. So
+    the digest of all these files names the folder.
     """
     os.environ.setdefault("NUMBA_CACHE_DIR", str(_PACKAGE / "__pycache__" / f"kernels-{kernels_digest()}"))
 
@@ -44,11 +44,11 @@ def _digest(sources: Iterable[Path]) -> str:
 
 @contextmanager
 def alone() -> Iterator[None]:
-    """Wait until no other process compiles into the folder, and keep others waiting meanwhile.
+    """Wait until no other process compiles into the folder, and keep others waiting.
 
-    numba numbers what it keeps without a look at other processes: of two that compile one kernel for rows of different
-    delays, the second overwrites what the index promises for the first, and whoever loads that runs code for other
-    rows. A folder that cannot be written is not filled either, and nobody waits.
+    numba numbers its files without regard to other processes. Of two processes that compile one kernel for rows of
+    different delays, the second overwrites the file that the index gives for the first, which then runs code for other
+    rows. If the folder is read-only there is no lock, because no process fills it.
     """
     folder = _folder()
     with ExitStack() as held:
@@ -60,7 +60,7 @@ def alone() -> Iterator[None]:
 
 
 def kept() -> int:
-    """Return how many compiled kernels the folder holds."""
+    """Return the number of compiled kernels in the folder."""
     return sum(1 for _ in _folder().rglob("*.nbc"))
 
 

@@ -1,4 +1,4 @@
-"""All settings of the service: the sole reader of files and of the environment.
+"""All settings of the service. No other module reads settings from files or the environment.
 
 A setting has one name: `delay_s` in the TOML file is `HEADWAY_DELAY_S` in the environment, which wins. An unknown name
 in either stops the start; nothing is ignored.
@@ -28,12 +28,12 @@ ENV_PREFIX = "HEADWAY_"
 
 
 class SettingsError(UserError):
-    """What is wrong with the settings and what is allowed, in one line."""
+    """An invalid setting and what is allowed, in one line."""
 
 
 @unique
 class Origin(StrEnum):
-    """Where an effective value comes from."""
+    """Source of an effective value."""
 
     DEFAULT = "default"
     FILE = "file"
@@ -42,12 +42,12 @@ class Origin(StrEnum):
 
 
 def _listed(value: object) -> object:
-    """Split the environment's form of a list: items apart by commas or blanks."""
+    """Split a list of the environment at commas and blanks."""
     return re.split(r"[,\s]+", value.strip(", \t\n")) if isinstance(value, str) and value.strip() else value or ()
 
 
 def _state_dir() -> Path | None:
-    """Return the folder that the system gives to a service, or to its user; None where there is neither."""
+    """Return the state folder of the service or of its user, None if there is neither."""
     if "STATE_DIRECTORY" in os.environ:
         return Path(os.environ["STATE_DIRECTORY"].partition(":")[0])
     try:
@@ -57,7 +57,7 @@ def _state_dir() -> Path | None:
 
 
 def _given(value: object) -> object:
-    """Read empty text as nothing."""
+    """Read empty text as None."""
     return None if value == "" else value
 
 
@@ -204,7 +204,7 @@ class Settings(BaseSettings):
         return env_settings, init_settings
 
     def detector(self) -> DetectorConfig:
-        """Return what changes a verdict."""
+        """Return the parameters of the detector."""
         return DetectorConfig(**{field.name: getattr(self, field.name) for field in fields(DetectorConfig)})
 
     @property
@@ -233,7 +233,7 @@ class _Given(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Loaded:
-    """Effective settings and where each comes from."""
+    """Effective settings and the source of each."""
 
     settings: Settings
     origins: Mapping[str, Origin]
@@ -297,7 +297,7 @@ def _origin(name: str, in_file: Container[str], in_environment: Container[str]) 
 
 
 _RENAMED: Final = {"miss_after_s": "silence_timeout_s", "forget_after_s": "vehicle_ttl_s"}
-"""Names of earlier versions, which no spelling leads to the new ones."""
+"""Names of earlier versions, too different for a match by spelling."""
 
 
 def _refuse_unknown(
@@ -320,7 +320,7 @@ def _describe(problem: Any, origins: Mapping[str, Origin]) -> str:
 
 
 def allowed(name: str) -> str:
-    """Say in a few words which values a setting takes."""
+    """Describe in a few words which values a setting takes."""
     entry = Settings.model_json_schema()["properties"][name]
     if "enum" in entry:
         return ", ".join(entry["enum"])

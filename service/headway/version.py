@@ -1,4 +1,4 @@
-"""Which headway this is."""
+"""The version of headway."""
 
 from importlib import metadata
 

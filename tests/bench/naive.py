@@ -40,7 +40,7 @@ class Naive:
         if bsm.id not in self._pairs:
             self._pairs[bsm.id] = self._kind(x_m, bsm.speed_mps)
         z = np.array([x_m, bsm.speed_mps])
-        self.anomalous += self._pairs[bsm.id].judge(z, (x_m + 30.0, bsm.speed_mps))
+        self.anomalous += self._pairs[bsm.id].step(z, (x_m + 30.0, bsm.speed_mps))
         self.scored += 1
 
     def health(self) -> str:

@@ -45,7 +45,7 @@ class FilterpyPair:
         self.ekf = ekf = ExtendedKalmanFilter(dim_x=2, dim_z=2)
         ekf.x, ekf.Q, ekf.R = np.array([x_m, v_mps]), Q, R
 
-    def judge(self, z: Any, leader: tuple[float, float]) -> bool:
+    def step(self, z: Any, leader: tuple[float, float]) -> bool:
         ekf = self.ekf
         x_m, v_mps, dv_dx, dv_dv = step(ekf.x[0], ekf.x[1], leader)
         ekf.F = np.array([[1.0, DT_S], [dv_dx, dv_dv]])
@@ -68,7 +68,7 @@ class FilterpyTen:
         stay = np.full((10, 10), 0.001) + 0.99 * np.eye(10)
         self.imm = IMMEstimator(filters, np.full(10, 0.1), stay / stay.sum(axis=1, keepdims=True))
 
-    def judge(self, z: Any, _leader: tuple[float, float]) -> bool:
+    def step(self, z: Any, _leader: tuple[float, float]) -> bool:
         self.imm.predict()
         self.imm.update(z)
         return bool(self.imm.mu[0] < 1e-3)
@@ -107,7 +107,7 @@ class StoneSoupPair:
         self._sensor = LinearGaussian(ndim_state=2, mapping=(0, 1), noise_covar=R)
         self._updater = ExtendedKalmanUpdater(self._sensor)
 
-    def judge(self, z: Any, leader: tuple[float, float]) -> bool:
+    def step(self, z: Any, leader: tuple[float, float]) -> bool:
         self._now += timedelta(seconds=DT_S)
         self._model.leader = leader
         prediction = self._predictor.predict(self._state, timestamp=self._now)
@@ -126,7 +126,7 @@ class NumpyPairs:
         self._s = np.stack([x_m, v_mps], axis=1)
         self._P = np.tile(np.eye(2), (len(x_m), 1, 1))
 
-    def judge(self, z: Any, leader_x_m: Any, leader_v_mps: Any) -> Any:
+    def step(self, z: Any, leader_x_m: Any, leader_v_mps: Any) -> Any:
         x_m, v_mps = self._s.T
         d = np.maximum(leader_x_m - x_m - LENGTH_M, 0.5)
         free = (v_mps / P.v0_mps) ** P.delta

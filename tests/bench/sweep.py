@@ -25,8 +25,8 @@ def measured(folder: Path, vehicles: int, bundle: int) -> dict[str, Any]:
     if not file.exists():
         options = ["--vehicles", str(vehicles), "--bundle", str(bundle), "--seconds", str(SECONDS)]
         command = [sys.executable, "-m", "headway", "loadtest", *options, "--json"]
-        told = subprocess.run(command, check=False, stdout=subprocess.PIPE).stdout
-        file.write_bytes(told)
+        shown = subprocess.run(command, check=False, stdout=subprocess.PIPE).stdout
+        file.write_bytes(shown)
     return json.loads(file.read_text(encoding="utf-8"))
 
 

@@ -37,19 +37,19 @@ def lines(results: list[dict[str, Any]]) -> list[str]:
     cost = per_reading(results)
     services = {r["name"]: r["extra_info"]["cpu_us"] for r in results if "cpu_us" in r["extra_info"]}
     ours = {model: cost.get(f"test_ours[{model}-1000]") for model in ("headway", "ekf", "ca")}
-    told = ["| | us per reading | of `headway` | of `ekf` | of `ca` |", "| --- | ---: | ---: | ---: | ---: |"]
+    shown = ["| | us per reading | of `headway` | of `ekf` | of `ca` |", "| --- | ---: | ---: | ---: | ---: |"]
     for name, value in cost.items():
         ratios = " | ".join(f"{value / ours[model]:.1f}" if ours[model] else "-" for model in ours)
-        told.append(f"| {name.removeprefix('test_').replace('_', ' ')} | {value:.3f} | {ratios} |")
-    told += ["", "| like for like, 1,000 pairs | ours us | theirs us | ratio | target | |"]
-    told.append("| --- | ---: | ---: | ---: | ---: | --- |")
+        shown.append(f"| {name.removeprefix('test_').replace('_', ' ')} | {value:.3f} | {ratios} |")
+    shown += ["", "| like for like, 1,000 pairs | ours us | theirs us | ratio | target | |"]
+    shown.append("| --- | ---: | ---: | ---: | ---: | --- |")
     for what, model, updates, kind, target in LIKE_FOR_LIKE:
         own, theirs = ours[model], cost.get(f"test_a_hundred_objects[{kind}]")
         if own and theirs:
-            told.append(f"| {what} | {own / updates:.3f} | {theirs:.1f} | {ratio(theirs * updates / own, target)} |")
-    told += ["", "| service | CPU us per message |", "| --- | ---: |"]
-    told += [f"| {name.removeprefix('test_a_service')} | {value:.1f} |" for name, value in services.items()]
-    return told + most_held(results)
+            shown.append(f"| {what} | {own / updates:.3f} | {theirs:.1f} | {ratio(theirs * updates / own, target)} |")
+    shown += ["", "| service | CPU us per message |", "| --- | ---: |"]
+    shown += [f"| {name.removeprefix('test_a_service')} | {value:.1f} |" for name, value in services.items()]
+    return shown + most_held(results)
 
 
 def most_held(results: list[dict[str, Any]]) -> list[str]:
@@ -59,15 +59,15 @@ def most_held(results: list[dict[str, Any]]) -> list[str]:
         for result in results
         if "held" in result["extra_info"]
     }
-    told = ["", "| the most held | bundle | vehicles at 10 Hz | ours by it | target | | CPU us a message | of ours |"]
-    told.append("| --- | ---: | ---: | ---: | ---: | --- | ---: | ---: |")
+    shown = ["", "| the most held | bundle | vehicles at 10 Hz | ours by it | target | | CPU us a message | of ours |"]
+    shown.append("| --- | ---: | ---: | ---: | ---: | --- | ---: | ---: |")
     for (who, bundle), most in held.items():
         own, more, dearer = held.get(("ours", bundle)), " | | ", ""
         if own is not None and own is not most:
             more = ratio(own["vehicles"] / most["vehicles"], HELD_TARGET)
             dearer = f"{most['cpu_us'] / own['cpu_us']:.1f}"
-        told.append(f"| {who} | {bundle} | {most['vehicles']:,} | {more} | {most['cpu_us']:.1f} | {dearer} |")
-    return told
+        shown.append(f"| {who} | {bundle} | {most['vehicles']:,} | {more} | {most['cpu_us']:.1f} | {dearer} |")
+    return shown
 
 
 if __name__ == "__main__":

@@ -37,11 +37,11 @@ class Road:
         return z, x_m + GAP_M
 
 
-def measure(benchmark: BenchmarkFixture, pairs: int, judge: Callable[..., Any], prepare: Callable[[], Any]) -> None:
+def measure(benchmark: BenchmarkFixture, pairs: int, step: Callable[..., Any], prepare: Callable[[], Any]) -> None:
     benchmark.extra_info["readings"] = pairs
     for _ in range(WARM_ROUNDS if pairs > 1 else 300):
-        judge(*prepare())
-    benchmark.pedantic(judge, setup=lambda: (prepare(), {}), rounds=300 if pairs < 10_000 else 50)
+        step(*prepare())
+    benchmark.pedantic(step, setup=lambda: (prepare(), {}), rounds=300 if pairs < 10_000 else 50)
 
 
 @pytest.mark.parametrize("pairs", PAIRS)
@@ -49,7 +49,7 @@ def measure(benchmark: BenchmarkFixture, pairs: int, judge: Callable[..., Any], 
 def test_ours(benchmark: BenchmarkFixture, name: str, pairs: int) -> None:
     model = registry.build(DetectorConfig(model=name, vehicle_capacity=pairs, delay_s=0.0))
     road = Road(pairs)
-    bank, rows, judged = np.zeros(pairs, model.dtype), np.random.default_rng(1).permutation(pairs), verdicts(pairs)
+    bank, rows, out = np.zeros(pairs, model.dtype), np.random.default_rng(1).permutation(pairs), verdicts(pairs)
 
     def prepare() -> tuple[Any, ...]:
         z, leader_x_m = road.next()
@@ -57,7 +57,7 @@ def test_ours(benchmark: BenchmarkFixture, name: str, pairs: int) -> None:
         read["t_s"] = read["leader_t_s"] = 0.1 * road.k
         read["x_m"], read["v_mps"] = z.T
         read["leader_x_m"], read["leader_v_mps"], read["leader_length_m"] = leader_x_m, SPEED_MPS, 4.7
-        return bank, rows, read, model.params, judged
+        return bank, rows, read, model.params, out
 
     measure(benchmark, pairs, model.step_batch, prepare)
 
@@ -67,16 +67,16 @@ def test_a_hundred_objects(benchmark: BenchmarkFixture, kind: type) -> None:
     road = Road(100)
     pairs = [kind(0.0, SPEED_MPS) for _ in range(100)]
 
-    def judge(z: Any, leader: tuple[float, float]) -> None:
+    def step(z: Any, leader: tuple[float, float]) -> None:
         for pair, reading in zip(pairs, z, strict=True):
-            pair.judge(reading, leader)
+            pair.step(reading, leader)
 
     def prepare() -> tuple[Any, ...]:
         z, leader_x_m = road.next()
         return z, (leader_x_m, SPEED_MPS)
 
     benchmark.extra_info["readings"] = 100
-    benchmark.pedantic(judge, setup=lambda: (prepare(), {}), rounds=20, warmup_rounds=2)
+    benchmark.pedantic(step, setup=lambda: (prepare(), {}), rounds=20, warmup_rounds=2)
 
 
 @pytest.mark.parametrize("pairs", [16, 1_000, 10_000])
@@ -88,4 +88,4 @@ def test_batched_numpy(benchmark: BenchmarkFixture, pairs: int) -> None:
         z, leader_x_m = road.next()
         return z, leader_x_m, np.full(pairs, SPEED_MPS)
 
-    measure(benchmark, pairs, together.judge, prepare)
+    measure(benchmark, pairs, together.step, prepare)

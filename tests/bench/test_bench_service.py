@@ -48,7 +48,7 @@ def naive(site: str, kind: str) -> Iterator[str]:
         process.wait(10.0)
 
 
-def judged(who: str, vehicles: int, bundle: int, seconds: float) -> Outcome:
+def measured_load(who: str, vehicles: int, bundle: int, seconds: float) -> Outcome:
     site, frames = "bench", FleetFrames(vehicles, WARMUP_S + seconds)
     with ours(site, vehicles) if who == "ours" else naive(site, who) as endpoint:
         for attempt in range(50):
@@ -74,7 +74,7 @@ def most_held(who: str, vehicles: int, bundle: int) -> Outcome:
     """Search from a first guess, up or down and then by halves of the ratio, for the most vehicles that are held."""
     held, too_many, best = 0, 0, None
     while not (held and too_many) or too_many > LAST_STEP * held:
-        outcome = judged(who, vehicles, bundle, TRIAL_SECONDS)
+        outcome = measured_load(who, vehicles, bundle, TRIAL_SECONDS)
         if holds(outcome):
             held, best = vehicles, outcome
         else:
@@ -100,7 +100,7 @@ def most_held(who: str, vehicles: int, bundle: int) -> Outcome:
     ],
 )
 def test_a_service(benchmark: BenchmarkFixture, who: str, vehicles: int, bundle: int) -> None:
-    outcome = benchmark.pedantic(judged, (who, vehicles, bundle, SECONDS), rounds=1)
+    outcome = benchmark.pedantic(measured_load, (who, vehicles, bundle, SECONDS), rounds=1)
     assert outcome.service is not None
     assert outcome.service.ledger.unaccounted == 0
     benchmark.extra_info["cpu_us"] = outcome.service.cpu_us

@@ -126,10 +126,10 @@ def busy_ms(page: Browser) -> float:
     return next(1000 * metric["value"] for metric in metrics if metric["name"] == "TaskDuration")
 
 
-def tell_figures(capsys: pytest.CaptureFixture[str], name: str, figures: dict[str, Any]) -> None:
+def print_figures(capsys: pytest.CaptureFixture[str], name: str, figures: dict[str, Any]) -> None:
     with capsys.disabled():
-        told = ", ".join(f"{key} {value:.1f}" for key, value in figures.items())
-        sys.stdout.write(f"\n{name}: {told}\n")
+        shown = ", ".join(f"{key} {value:.1f}" for key, value in figures.items())
+        sys.stdout.write(f"\n{name}: {shown}\n")
 
 
 def test_an_alert_is_on_the_page_within_a_second(
@@ -147,7 +147,7 @@ def test_an_alert_is_on_the_page_within_a_second(
         page.until("Object.keys(window.seen).length >= 20")
         seen_ms = page.run("window.seen")
     delays_ms = sorted(seen_ms[event_id] - ms for event_id, ms in told_ms.items())
-    tell_figures(capsys, "alert on the page, ms after publication", {"p50": delays_ms[10], "max": delays_ms[-1]})
+    print_figures(capsys, "alert on the page, ms after publication", {"p50": delays_ms[10], "max": delays_ms[-1]})
     assert delays_ms[-1] < 1000
 
 
@@ -161,7 +161,7 @@ def test_a_thousand_vehicles_stay_smooth(page: Browser, endpoint: str, capsys: p
         figures["main thread's CPU"] = (busy_ms(page) - before_ms) / 300
         assert page.run("document.getElementById('road').getAttribute('aria-label')").startswith("1000 vehicles")
         assert "not shown" not in page.run("document.getElementById('line').textContent")
-    tell_figures(capsys, "1,000 vehicles at 10 Hz, frame times in ms", figures)
+    print_figures(capsys, "1,000 vehicles at 10 Hz, frame times in ms", figures)
     # Frame times depend on who else uses the machine; what a frame costs does not. 60 Hz leaves 16.7 ms.
     assert figures["main thread's CPU"] < 8
 

@@ -66,8 +66,8 @@ class Watched(Broadcaster):
 
     @property
     def updates(self) -> list[Any]:
-        told: list[Any] = read(self.frame(0))["updates"]
-        return told
+        shown: list[Any] = read(self.frame(0))["updates"]
+        return shown
 
 
 def run_until(feed: FakeFeed, done: Callable[[Watched], bool]) -> None:

@@ -38,7 +38,7 @@ def play(
             return {"type": "http.disconnect"}
 
         stream = asyncio.create_task(EventStream(broadcaster, 0)({}, receive, send))
-        await settle()
+        await idle()
         await scenario(broadcaster, feed, reading, sent)
         left.set()
         broadcaster.refresh()
@@ -49,7 +49,7 @@ def play(
     return asyncio.run(run())
 
 
-async def settle() -> None:
+async def idle() -> None:
     for _ in range(10):
         await asyncio.sleep(0)
 
@@ -60,10 +60,10 @@ def test_a_viewer_is_told_everything_and_then_what_is_new() -> None:
         for n in (2, 3):
             feed.deliver(*Traffic(n).states(0.0, START_US))
             broadcaster.refresh()
-            await settle()
+            await idle()
 
-    told = frames(play(scenario))
-    assert [len(frame["pairs"]["rows"]) for frame in told[:3]] == [0, 2, 3]
+    shown = frames(play(scenario))
+    assert [len(frame["pairs"]["rows"]) for frame in shown[:3]] == [0, 2, 3]
 
 
 def test_a_slow_viewer_gets_one_frame_with_the_newest_of_everything() -> None:
@@ -72,10 +72,10 @@ def test_a_slow_viewer_gets_one_frame_with_the_newest_of_everything() -> None:
         for refresh in range(50):
             feed.deliver(*Traffic(4).states(0.0, START_US + refresh))
             broadcaster.refresh()
-            await settle()
+            await idle()
         before = len(frames(sent))
         reading.set()
-        await settle()
+        await idle()
         late = frames(sent)[before:]
         # The frame that was being sent when the viewer stopped reading, and one for all that came meanwhile.
         assert len(late) == 2
@@ -88,6 +88,6 @@ def test_a_slow_viewer_gets_one_frame_with_the_newest_of_everything() -> None:
 def test_the_end_of_the_hub_ends_the_stream_in_order() -> None:
     async def scenario(broadcaster: Broadcaster, *_: Any) -> None:
         broadcaster.close()
-        await settle()
+        await idle()
 
     assert play(scenario)[-1] == {"type": "http.response.body", "body": b"", "more_body": False}

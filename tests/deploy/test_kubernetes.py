@@ -116,8 +116,8 @@ def test_the_command_line_knows_what_a_pod_runs(workload: dict) -> None:
 @pytest.mark.parametrize("workload", WORKLOADS, ids=named)
 def test_files_that_a_pod_is_told_of_are_mounted(workload: dict) -> None:
     places = [mount["mountPath"] for mount in container(workload)["volumeMounts"]]
-    told = [word.rpartition("=")[2] for word in container(workload)["args"]]
-    for file in [word for word in told if word.startswith("/")]:
+    paths = [word.rpartition("=")[2] for word in container(workload)["args"]]
+    for file in [word for word in paths if word.startswith("/")]:
         assert any(Path(file).is_relative_to(place) for place in places)
 
 

@@ -120,8 +120,8 @@ def test_every_rule_has_what_to_do() -> None:
 
 def test_every_topic_is_told_with_its_encoding() -> None:
     keys = Keys("v2x", "<site>".strip("<>"))
-    told = {row[0].strip("`").replace("<site>", "site"): row[2].strip("`") for row in rows("Topics")}
-    assert told == {
+    documented = {row[0].strip("`").replace("<site>", "site"): row[2].strip("`") for row in rows("Topics")}
+    assert documented == {
         keys.every_alert.replace("**", "<kind>/<suspect>"): encodings.EVENT_JSON,
         keys.every_pair_state.replace("*", "<follower>"): encodings.PAIR_STATE_JSON,
         keys.every_rejected.replace("*", "<reason>"): encodings.REJECTED_JSON,
@@ -141,21 +141,21 @@ def test_words_of_the_wire_are_those_of_the_guide() -> None:
 
 
 def test_the_pages_that_the_guide_names_are_served() -> None:
-    told = set(re.findall(r"`GET (/\w*(?:/\{\w+\})?)`", section("For authors of dashboards")))
+    documented = set(re.findall(r"`GET (/\w*(?:/\{\w+\})?)`", section("For authors of dashboards")))
 
     class NoFeed:
         """Never started: routes are all that is asked for."""
 
     served = {getattr(route, "path", "") for route in create_app(Broadcaster(NoFeed(), ("s",))).routes}  # type: ignore[arg-type]
-    assert told
-    assert told <= served
+    assert documented
+    assert documented <= served
     assert set(ViewState().delta(0)) <= set(re.findall(r"`(\w+)`", section("For authors of dashboards")))
 
 
 def test_the_commands_that_the_guide_names_exist() -> None:
-    told = {tuple(words.split()[1:]) for words in re.findall(r"`(headway [a-z]+(?: [a-z]+)?)", GUIDE)}
+    documented = {tuple(words.split()[1:]) for words in re.findall(r"`(headway [a-z]+(?: [a-z]+)?)", GUIDE)}
     groups = typer.main.get_command(app).commands  # type: ignore[attr-defined]  # a group, which typer calls a command
-    for command, *of_command in told:
+    for command, *of_command in documented:
         assert command in groups
         assert set(of_command) <= set(getattr(groups[command], "commands", of_command))
 
@@ -205,17 +205,17 @@ def test_the_example_in_python_shows_the_history_and_what_is_new(
             query.reply(keys.alerts, EVENTS.dump_json([event("old")]))
             query.drop()
 
-        def tell_until_shown(_prompt: str) -> str:
-            def told() -> bool:
+        def publish_until_shown(_prompt: str) -> str:
+            def documented() -> bool:
                 session.put(keys.alert("bias", "new"), event("new").model_dump_json())
                 shown.append(capsys.readouterr().out)
                 return "new" in "".join(shown)
 
-            until(told)
+            until(documented)
             return ""
 
         asked = session.declare_queryable(keys.alerts, answer)
-        monkeypatch.setattr("builtins.input", tell_until_shown)
+        monkeypatch.setattr("builtins.input", publish_until_shown)
         assert "tcp/127.0.0.1:7447" in example
         exec(compile(example.replace("tcp/127.0.0.1:7447", router), "example", "exec"), {})
         asked.undeclare()

@@ -47,7 +47,7 @@ def members() -> dict:
 def tls(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("tls")
     ours = Authority(folder)
-    for name in ("router", "gw-north", "headway-local", "dashboard", "stranger"):
+    for name in ("router", "gw-north", "headway-local", "dashboard", "unknown"):
         ours.issue(name)
     foreign = Authority(folder, "foreign")
     foreign.issue("impostor")
@@ -152,7 +152,7 @@ def said(service: ZenohBus) -> list[tuple[str, bytes]]:
 FENCES = count()
 
 
-def heard_after(service: ZenohBus, sender: zenoh.Session) -> list[tuple[str, bytes]]:
+def received_after(service: ZenohBus, sender: zenoh.Session) -> list[tuple[str, bytes]]:
     """Return what arrived before a message of the sender's own, which arrives for certain."""
     own = KEYS.bsm("gw-north")
     arrived: list[tuple[str, bytes]] = []
@@ -169,10 +169,10 @@ def heard_after(service: ZenohBus, sender: zenoh.Session) -> list[tuple[str, byt
 
 def test_a_sender_is_heard_under_its_own_name(bus: Members) -> None:
     service, sender = bus.service(), bus.session("gw-north")
-    heard_after(service, sender)
+    received_after(service, sender)
     sender.put(KEYS.bsm("gw-north"), b"put", congestion_control=BLOCK)
     sender.declare_publisher(KEYS.bsm("gw-north")).put(b"published")
-    assert heard_after(service, sender) == [(KEYS.bsm("gw-north"), b"put"), (KEYS.bsm("gw-north"), b"published")]
+    assert received_after(service, sender) == [(KEYS.bsm("gw-north"), b"put"), (KEYS.bsm("gw-north"), b"published")]
 
 
 @pytest.mark.parametrize(
@@ -187,53 +187,53 @@ def test_a_sender_is_heard_under_its_own_name(bus: Members) -> None:
 )
 def test_a_sender_is_not_heard_under_any_other(bus: Members, key: str) -> None:
     service, sender = bus.service(), bus.session("gw-north")
-    heard_after(service, sender)
+    received_after(service, sender)
     sender.put(key, b"forged", congestion_control=BLOCK)
-    assert heard_after(service, sender) == []
+    assert received_after(service, sender) == []
 
 
 def test_a_delete_and_an_oversized_payload_go_no_further(bus: Members) -> None:
     service, sender = bus.service(), bus.session("gw-north")
-    heard_after(service, sender)
+    received_after(service, sender)
     sender.delete(KEYS.bsm("gw-north"), congestion_control=BLOCK)
     sender.put(KEYS.bsm("gw-north"), bytes(Settings().payload_bytes_limit + 1), congestion_control=BLOCK)
-    assert heard_after(service, sender) == []
+    assert received_after(service, sender) == []
     sender.put(KEYS.bsm("gw-north"), bytes(Settings().payload_bytes_limit), congestion_control=BLOCK)
-    assert len(heard_after(service, sender)) == 1
+    assert len(received_after(service, sender)) == 1
 
 
 def test_only_the_service_tells_and_the_dashboard_hears_all_of_it(bus: Members) -> None:
     service, sender, watcher = bus.service(), bus.session("gw-north"), bus.session("dashboard")
-    heard: list[str] = []
+    received: list[str] = []
     for key in (KEYS.every_alert, KEYS.every_pair_state, KEYS.every_rejected, KEYS.every_health):
-        watcher.declare_subscriber(key, lambda sample: heard.append(str(sample.key_expr)))
+        watcher.declare_subscriber(key, lambda sample: received.append(str(sample.key_expr)))
     until(lambda: service.wanted(Channel.STATE) and service.wanted(Channel.REJECTED))
-    told = {
+    sent = {
         Channel.ALERT: KEYS.alert("bias", "a"),
         Channel.STATE: KEYS.pair_state("a"),
         Channel.REJECTED: KEYS.rejected("malformed"),
         Channel.HEALTH: KEYS.health("headway-local"),
     }
     for forger in (sender, bus.session("dashboard")):
-        for key in told.values():
+        for key in sent.values():
             forger.put(key, b"forged", congestion_control=BLOCK)
-    heard_after(service, sender)
-    for channel, key in told.items():
+    received_after(service, sender)
+    for channel, key in sent.items():
         service.publish(channel, key, b"{}")
-    until(lambda: len(heard) >= len(told))
-    assert sorted(heard) == sorted(told.values())
+    until(lambda: len(received) >= len(sent))
+    assert sorted(received) == sorted(sent.values())
 
 
 def test_what_vehicles_send_is_for_the_service_alone(bus: Members) -> None:
     service, sender = bus.service(), bus.session("gw-north")
-    spies = [bus.session("dashboard"), bus.session("stranger")]
+    spies = [bus.session("dashboard"), bus.session("unknown")]
     spied: list[str] = []
     for spy in spies:
         for key in (KEYS.every_bsm, "**"):
             spy.declare_subscriber(key, lambda sample: spied.append(str(sample.key_expr)))
-    heard_after(service, sender)
+    received_after(service, sender)
     service.publish(Channel.HEALTH, KEYS.health("headway-local"), b"{}")
-    heard_after(service, sender)
+    received_after(service, sender)
     assert spied == []
 
 
@@ -283,8 +283,8 @@ def test_the_bundled_dashboard_is_content_with_its_rules(bus: Members) -> None:
     )
     until(lambda: service.wanted(Channel.REJECTED))
     service.publish(Channel.REJECTED, KEYS.rejected("malformed"), copy.model_dump_json().encode())
-    heard: list[object] = []
-    until(lambda: heard.extend(feed.drain()) or heard)
+    received: list[object] = []
+    until(lambda: received.extend(feed.drain()) or received)
     assert feed.history(("local",), AlertsQuery()).problems == ()
 
 
@@ -327,16 +327,16 @@ def test_passwords_over_tls_do_the_same(tls: Path) -> None:
             with pytest.raises(zenoh.ZError):
                 session(user, password)
         service, sender = session("headway-local", "local"), session("gw-north", "north")
-        heard: list[str] = []
-        service.declare_subscriber(KEYS.every_bsm, lambda sample: heard.append(str(sample.key_expr)))
+        received: list[str] = []
+        service.declare_subscriber(KEYS.every_bsm, lambda sample: received.append(str(sample.key_expr)))
 
         def through() -> bool:
             sender.put(KEYS.bsm("gw-south"), b"", congestion_control=BLOCK)
             sender.put(KEYS.bsm("gw-north"), b"", congestion_control=BLOCK)
-            return bool(heard)
+            return bool(received)
 
         until(through)
-        assert set(heard) == {KEYS.bsm("gw-north")}
+        assert set(received) == {KEYS.bsm("gw-north")}
 
 
 def test_the_router_for_trying_out_passes_messages_on() -> None:
@@ -345,11 +345,11 @@ def test_the_router_for_trying_out_passes_messages_on() -> None:
     config = zenoh.Config()
     for key, value in (("mode", "client"), ("connect/endpoints", [f"tcp/{address}"])):
         config.insert_json5(key, json.dumps(value))
-    heard: list[str] = []
+    received: list[str] = []
     with zenoh.open(zenoh.Config.from_json5(options)), zenoh.open(config) as one, zenoh.open(config) as other:
-        one.declare_subscriber(KEYS.every_bsm, lambda sample: heard.append(str(sample.key_expr)))
-        until(lambda: other.put(KEYS.bsm("a"), b"") or heard)
-    assert set(heard) == {KEYS.bsm("a")}
+        one.declare_subscriber(KEYS.every_bsm, lambda sample: received.append(str(sample.key_expr)))
+        until(lambda: other.put(KEYS.bsm("a"), b"") or received)
+    assert set(received) == {KEYS.bsm("a")}
 
 
 def test_the_two_templates_differ_in_how_a_member_is_known_only() -> None:

@@ -82,14 +82,14 @@ def without_headway() -> dict[str, str]:
     return {name: value for name, value in os.environ.items() if not name.upper().startswith("HEADWAY_")}
 
 
-def drive(sender: zenoh.Session, readings: int, lie_from: int) -> int:
+def drive(sender: zenoh.Session, readings: int, fault_from: int) -> int:
     """Send the last seconds of a leader and of a follower whose location lies by 20 m from some reading on; 10 Hz."""
     end_us = time.time_ns() // 1000
     for k in range(readings):
         t_us = end_us - (readings - 1 - k) * 100_000
         for name, behind_m in (("leader", 0.0), ("follower", 30.0)):
-            lie_m = 20.0 if name == "follower" and k >= lie_from else 0.0
-            lat = 42.0 + (1.5 * k - behind_m + lie_m) / 111_083.0
+            offset_m = 20.0 if name == "follower" and k >= fault_from else 0.0
+            lat = 42.0 + (1.5 * k - behind_m + offset_m) / 111_083.0
             record = [1, name, k % 128, t_us, lat, -83.0, 15.0, 0.0, None, None, None, 4.5]
             sender.put(KEYS.bsm(name), msgpack.packb(record), encoding=BSM_MSGPACK, congestion_control=BLOCK)
     return 2 * readings

@@ -45,17 +45,17 @@ def explained(event_id: str, *options: str) -> dict:
 
 def test_history_survives_a_restart_and_vehicles_are_known_again(started, tmp_path: Path) -> None:
     service = started()
-    heard: list[Event] = []
+    received: list[Event] = []
     car = session("client", connect=(service.endpoint,))
     car.declare_subscriber(
-        KEYS.every_alert, lambda sample: heard.append(Event.model_validate_json(sample.payload.to_bytes()))
+        KEYS.every_alert, lambda sample: received.append(Event.model_validate_json(sample.payload.to_bytes()))
     )
     until(lambda: service.metric("headway_peers").get("") == 1)
-    drive(car, readings=60, lie_from=40)
-    until(lambda: heard)
+    drive(car, readings=60, fault_from=40)
+    until(lambda: received)
     late = session("client", connect=(service.endpoint,))
-    until(lambda: asked(late, AlertsQuery(evidence=True)) == stored(heard))
-    onset = next(event for event in heard if event.phase is Phase.ONSET)
+    until(lambda: asked(late, AlertsQuery(evidence=True)) == stored(received))
+    onset = next(event for event in received if event.phase is Phase.ONSET)
     assert explained(onset.event_id, "--connect", service.endpoint)["same"]
     for client in (car, late):
         client.close()
@@ -65,8 +65,8 @@ def test_history_survives_a_restart_and_vehicles_are_known_again(started, tmp_pa
     [loaded] = [line for line in service.log() if line["event"] == "snapshot loaded"]
     assert loaded["vehicles"] == service.metric("headway_vehicles")[""] == 2
     late = session("client", connect=(service.endpoint,))
-    told = asked(late, AlertsQuery(phase=Phase.ONSET))
-    assert onset.event_id in {event.event_id for event in told}
+    published = asked(late, AlertsQuery(phase=Phase.ONSET))
+    assert onset.event_id in {event.event_id for event in published}
     late.close()
     assert explained(onset.event_id, "--journal", str(tmp_path / "state" / "journal.sqlite"))["same"]
     assert service.stop() == 0

@@ -61,18 +61,18 @@ def test_a_lie_becomes_an_alert_and_every_message_is_accounted_for(service: Serv
     until(garbage_is_told_back)
     assert (copies[0].reason, copies[0].sender, copies[0].payload) == ("malformed", "follower", b"no message")
 
-    sent = drive(car, readings=40, lie_from=30)
+    sent = drive(car, readings=40, fault_from=30)
     until(lambda: events)
     onset = events[0]
     assert (onset.phase, onset.suspect, onset.leader, onset.sensor) == ("onset", "follower", "leader", "location")
     assert onset.innovation.x_m == pytest.approx(20.0, abs=2.0)
     assert onset.evidence is not None
 
-    def judged() -> float:
+    def scored() -> float:
         records = service.metric("headway_records_total")
         return records["scored"] + records["warming"]
 
-    until(lambda: judged() == sent)
+    until(lambda: scored() == sent)
     records = service.metric("headway_records_total")
     [received] = service.metric("headway_messages_total").values()
     assert sum(records.values()) == received == sent + records["malformed"]
@@ -95,15 +95,19 @@ def test_on_sigterm_what_is_queued_is_judged_and_the_last_report_is_told(service
     )
     until(lambda: reports and alive)
     for _ in range(50):
-        drive(car, readings=40, lie_from=40)
+        drive(car, readings=40, fault_from=40)
     until(lambda: reports[-1].scored)
     assert service.stop() == 0
     until(lambda: alive == [True, False])
     [last] = [line for line in service.log() if line["event"] == "stopping"]
-    told = reports[-1]
-    assert (told.scored, told.warming, told.rejected) == (last["scored"], last["warming"], last["rejected"])
-    assert (last["left"], told.queue_depth) == (0, 0)
-    assert told.lost == {"shed": 0, "stale": 0}
+    published = reports[-1]
+    assert (published.scored, published.warming, published.rejected) == (
+        last["scored"],
+        last["warming"],
+        last["rejected"],
+    )
+    assert (last["left"], published.queue_depth) == (0, 0)
+    assert published.lost == {"shed": 0, "stale": 0}
 
 
 def test_an_address_that_is_taken_ends_with_status_2_and_one_line(service: Service) -> None:

@@ -27,9 +27,9 @@ class StubEngine:
         self.now_us.append(now_us)
         self.batches.append(batch)
         outcomes = [Outcome.SCORED] * len(batch) if self.outcomes is None else self.outcomes
-        turn = StepResult(outcomes=np.array(outcomes, np.uint8), events=self.events, nis=np.full(len(batch), 1.0))
+        result = StepResult(outcomes=np.array(outcomes, np.uint8), events=self.events, nis=np.full(len(batch), 1.0))
         self.outcomes, self.events = None, []
-        return turn
+        return result
 
     def ignore_gaps_before(self, until_us: int) -> None:
         self.gaps_ignored_before_us.append(until_us)

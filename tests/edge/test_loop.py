@@ -46,15 +46,15 @@ def test_an_event_goes_to_its_alert_topic_with_the_way_it_took() -> None:
     rig.engine.events = [event(t_us=sent.received_us - 7, received_us=rig.clock.wall_us() - 500)]
     rig.loop.iterate()
     [(key, payload)] = rig.bus.on(Channel.ALERT)
-    told = Event.model_validate_json(payload)
+    published = Event.model_validate_json(payload)
     assert key == KEYS.alert("bias", "car1")
-    assert (told.phase, told.kind, told.sensor, told.site, told.config_hash) == (
+    assert (published.phase, published.kind, published.sensor, published.site, published.config_hash) == (
         "onset", "bias", "location", "s", "c0ffee",
     )  # fmt: skip
-    assert told.latency_us == {"wire": -493, "queue": 500, "decode": 0, "detect": 0}
-    assert told.recovered.v_std_mps is None
-    assert (told.evidence.columns[0], told.evidence.columns[-1]) == ("t_s", "leader_row")
-    assert [len(reading) for reading in told.evidence.readings] == [len(told.evidence.columns)] * 3
+    assert published.latency_us == {"wire": -493, "queue": 500, "decode": 0, "detect": 0}
+    assert published.recovered.v_std_mps is None
+    assert (published.evidence.columns[0], published.evidence.columns[-1]) == ("t_s", "leader_row")
+    assert [len(reading) for reading in published.evidence.readings] == [len(published.evidence.columns)] * 3
 
 
 def test_a_miss_was_in_no_queue() -> None:
@@ -62,9 +62,9 @@ def test_a_miss_was_in_no_queue() -> None:
     rig.engine.events = [event(evidence=None, sensor=Sensor.LINK, nis=float("nan"))]
     rig.bus.deliver(received(record()))
     rig.loop.iterate()
-    told = Event.model_validate_json(rig.bus.on(Channel.ALERT)[0][1])
-    assert "queue" not in told.latency_us
-    assert told.nis is None
+    published = Event.model_validate_json(rig.bus.on(Channel.ALERT)[0][1])
+    assert "queue" not in published.latency_us
+    assert published.nis is None
 
 
 def test_a_rejection_by_the_codec_is_counted_in_full_and_copied_at_a_limited_rate_and_size() -> None:
@@ -123,9 +123,9 @@ def test_each_vehicle_is_told_of_once_a_second_and_not_all_at_once() -> None:
     half = len(rig.bus.on(Channel.STATE))
     assert 0.4 * 200 < half < 0.6 * 200
     rig.iterate(seconds=2.0)
-    told = [PairState.model_validate_json(payload) for _, payload in rig.bus.on(Channel.STATE)]
-    assert set(Counter(state.follower for state in told).values()) <= {2, 3}
-    standings = {state.follower: state.standing for state in told}
+    published = [PairState.model_validate_json(payload) for _, payload in rig.bus.on(Channel.STATE)]
+    assert set(Counter(state.follower for state in published).values()) <= {2, 3}
+    standings = {state.follower: state.standing for state in published}
     assert [standings[f"car{n}"] for n in range(4)] == ["warming", "anomalous", "silent", "normal"]
 
 
@@ -227,13 +227,13 @@ def test_the_loop_rests_after_each_turn_but_not_behind_a_backlog_and_longer_when
 
 def test_a_turn_of_four_rests_is_followed_by_a_quarter_of_one() -> None:
     rig = Rig(StubEngine())
-    judge, rests = rig.engine.step, list[float]()
+    step, rests = rig.engine.step, list[float]()
 
-    def judge_slowly(batch, now_us, clock_offset_us):
+    def step_slowly(batch, now_us, clock_offset_us):
         FakeClock.sleep(rig.clock, 0.002)
-        return judge(batch, now_us, clock_offset_us)
+        return step(batch, now_us, clock_offset_us)
 
-    rig.engine.step = judge_slowly
+    rig.engine.step = step_slowly
     rig.clock.sleep = rests.append
     rig.bus.deliver(received(record()))
     iterations = iter(range(2))

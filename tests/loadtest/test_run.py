@@ -37,12 +37,12 @@ class StandIn:
             config.insert_json5(key, json.dumps(value))
         self.session = zenoh.open(config)
         self.seen = self.scored = self.missed = 0
-        self.accused = {}
+        self.suspects = {}
         self.stop = threading.Event()
         self.thread = threading.Thread(target=self.report)
-        self.session.declare_subscriber(KEYS.every_bsm, self.judge)
+        self.session.declare_subscriber(KEYS.every_bsm, self.step)
 
-    def judge(self, sample):
+    def step(self, sample):
         _, vehicle, _, t_us, _, _, speed_mps, *_ = msgpack.unpackb(sample.payload.to_bytes())
         self.seen += 1
         if self.seen % LOST_ONE_IN == 0:
@@ -50,20 +50,20 @@ class StandIn:
             return
         self.scored += 1
         if speed_mps > 60.0:
-            self.accused.setdefault(vehicle, t_us)
+            self.suspects.setdefault(vehicle, t_us)
 
     def report(self):
-        told = set()
+        published = set()
         while not self.stop.wait(0.1):
-            for vehicle in sorted(set(self.accused) - told):
-                told.add(vehicle)
+            for vehicle in sorted(set(self.suspects) - published):
+                published.add(vehicle)
                 self.session.put(KEYS.alert("bias", vehicle), self.event(vehicle))
             self.session.put(KEYS.health("i"), self.health())
 
     def event(self, vehicle):
         fields = {"event_id": vehicle, "phase": "onset", "kind": "bias", "sensor": "speed", "site": "crossing"}
         fields |= {"suspect": vehicle, "follower": vehicle, "model": "m", "config_hash": "h"}
-        return json.dumps(fields | {"t_us": self.accused[vehicle], "detected_us": self.accused[vehicle]})
+        return json.dumps(fields | {"t_us": self.suspects[vehicle], "detected_us": self.suspects[vehicle]})
 
     def health(self):
         counters = {
@@ -104,7 +104,7 @@ def test_a_run_over_zenoh_is_judged_to_the_last_message():
     assert outcome.quality.events == len(frames.labels)
     assert outcome.quality.found > 0
     assert outcome.quality.false_alarms == 0
-    assert outcome.alerts == len(service.accused)
+    assert outcome.alerts == len(service.suspects)
     assert progress[-1].sent > 500
 
 

@@ -62,10 +62,10 @@ def test_the_order_of_rows_in_a_batch_is_irrelevant(sent, order) -> None:
     shuffled = np.array(order.sample(range(count), count))
     banks = [np.zeros(count, paper_dtype(3, DELAY_MAX_S)) for _ in range(2)]
     for _ in range(3):
-        judged = [verdicts(count) for _ in range(2)]
-        step_batch(banks[0], rows, read, p, judged[0])
-        step_batch(banks[1], rows[shuffled], read[shuffled], p, judged[1])
-        same(judged[0][shuffled], judged[1])
+        out = [verdicts(count) for _ in range(2)]
+        step_batch(banks[0], rows, read, p, out[0])
+        step_batch(banks[1], rows[shuffled], read[shuffled], p, out[1])
+        same(out[0][shuffled], out[1])
         read["t_s"] += 0.1
     same(*banks)
 

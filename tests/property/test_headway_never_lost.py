@@ -29,9 +29,9 @@ TRIANGLE = np.triu_indices(5)
 
 
 @njit
-def along(row, read, p, judged):
+def along(row, read, p, out):
     for k in range(read.size):
-        step_row(row, read[k], p, judged[k])
+        step_row(row, read[k], p, out[k])
 
 
 def batch(sent):
@@ -84,10 +84,10 @@ def test_after_any_garbage_clean_readings_recover_the_filter(sent, seed: int) ->
     honest["t_s"] = read["t_s"][-1] + since
     honest["x_m"] = 100.0 + 10.0 * since + rng.normal(0.0, 0.01, AFTER)
     honest["v_mps"] = 10.0 + rng.normal(0.0, 0.01, AFTER)
-    judged = verdicts(AFTER)
-    along(bank[0], honest, P, judged)
-    at = np.flatnonzero(judged["anomalous"][-100:])
+    out = verdicts(AFTER)
+    along(bank[0], honest, P, out)
+    at = np.flatnonzero(out["anomalous"][-100:])
     assert (np.diff(at, prepend=-10) > 1).sum() <= FALSE_ALARMS
     assert len(at) <= LONGEST
-    assert abs(judged["x_m"][-1] - (100.0 + 10.0 * since[-1])) < 0.5
-    assert abs(judged["v_mps"][-1] - 10.0) < 0.5
+    assert abs(out["x_m"][-1] - (100.0 + 10.0 * since[-1])) < 0.5
+    assert abs(out["v_mps"][-1] - 10.0) < 0.5

@@ -37,7 +37,7 @@ def test_a_statement_comes_back_byte_for_byte_and_without_its_evidence_unless_as
     journal_at(path).write(put)
     asked = AlertsQuery(evidence=True)
     assert journal_query.page(path, asked) == [put[1].payload, put[0].payload]
-    light = [told | {"evidence": None} for told in map(json.loads, (put[1].payload, put[0].payload))]
+    light = [published | {"evidence": None} for published in map(json.loads, (put[1].payload, put[0].payload))]
     assert found(path) == light
 
 
@@ -78,14 +78,14 @@ def test_a_walk_through_the_pages_meets_each_statement_once(at: list[int], limit
         writer.prune(13)
         walked, before_us = [], None
         while True:
-            told = found(path, limit=limit, before_us=before_us)
-            walked += told
-            if len(told) < limit:
+            published = found(path, limit=limit, before_us=before_us)
+            walked += published
+            if len(published) < limit:
                 break
-            before_us = told[-1]["detected_us"]
+            before_us = published[-1]["detected_us"]
         writer.close()
-    assert sorted(told["event_id"] for told in walked) == sorted(f"e{n}" for n in range(len(at)))
-    assert [told["detected_us"] for told in walked] == sorted(at, reverse=True)
+    assert sorted(published["event_id"] for published in walked) == sorted(f"e{n}" for n in range(len(at)))
+    assert [published["detected_us"] for published in walked] == sorted(at, reverse=True)
 
 
 def test_evidence_that_would_make_a_message_too_large_is_left_out_of_the_oldest(
@@ -95,8 +95,8 @@ def test_evidence_that_would_make_a_message_too_large_is_left_out_of_the_oldest(
     [one] = journal_query.read(path, AlertsQuery(evidence=True, from_us=8))
     assert one.evidence is not None
     monkeypatch.setattr(journal_query, "_EVIDENCE_BYTES", 3 * len(one.evidence))
-    told = found(path, evidence=True)
-    assert [event["evidence"] is not None for event in told] == [True] * 3 + [False] * 5
+    published = found(path, evidence=True)
+    assert [event["evidence"] is not None for event in published] == [True] * 3 + [False] * 5
 
 
 def test_another_process_goes_on_in_the_same_file_and_readers_see_it(path: Path) -> None:
@@ -173,8 +173,8 @@ def test_an_event_has_an_onset_a_newest_update_and_an_end(path: Path) -> None:
     for n, phase in enumerate([Phase.ONSET, Phase.UPDATE, Phase.UPDATE, Phase.CLEARED], 1):
         writer.write([update(n, event_id="e1", phase=phase), update(n, event_id="other", phase=Phase.UPDATE)])
         left = {1: [1], 2: [2, 1], 3: [3, 1], 4: [4, 1]}[n]
-        assert [told["detected_us"] for told in found(path, event="e1")] == left
-    assert [told["detected_us"] for told in found(path, event="other")] == [4]
+        assert [published["detected_us"] for published in found(path, event="e1")] == left
+    assert [published["detected_us"] for published in found(path, event="other")] == [4]
 
 
 def test_what_a_process_left_behind_is_there_for_the_next(path: Path) -> None:

@@ -60,14 +60,14 @@ class Disk:
 class Rigged:
     def __init__(self, disk: Disk) -> None:
         self.disk, self.clock = disk, FakeClock()
-        self.told: list[int] = []
-        self.journal_writer = JournalWriter(disk, lambda one: self.told.append(one.event.detected_us), self.clock)
+        self.published: list[int] = []
+        self.journal_writer = JournalWriter(disk, lambda one: self.published.append(one.event.detected_us), self.clock)
         self.journal_writer.start()
 
     def put(self, *detected_us: int) -> None:
         self.journal_writer.put([update(t_us) for t_us in detected_us])
 
-    def settle(self, holds: Callable[[], object]) -> None:
+    def idle(self, holds: Callable[[], object]) -> None:
         until(holds)
 
 
@@ -99,12 +99,12 @@ def test_while_the_disk_fails_all_is_told_counted_and_logged_once(rigged: Rigged
         disk.error.sqlite_errorcode = sqlite3.SQLITE_FULL
         for n in range(5):
             rigged.put(2 * n, 2 * n + 1)
-        until(lambda: len(rigged.told) == 10)
+        until(lambda: len(rigged.published) == 10)
         assert journal_writer.trouble is Reason.DISK_FULL
         disk.error = None
         rigged.put(10)
-        until(lambda: len(rigged.told) == 11)
-    assert rigged.told == list(range(11))
+        until(lambda: len(rigged.published) == 11)
+    assert rigged.published == list(range(11))
     assert journal_writer.failed[Reason.DISK_FULL] == 10
     assert (journal_writer.written, journal_writer.trouble, journal_writer.waiting) == (1, None, 0)
     assert [entry["log_level"] for entry in logs] == ["error", "info"]
@@ -118,16 +118,16 @@ def test_a_disk_that_does_not_answer_delays_no_alert_by_more_than_a_second(rigge
     clock.sleep(0.5)
     rigged.put(3)
     journal_writer.tick(clock.monotonic_ns())
-    assert rigged.told == []
+    assert rigged.published == []
     clock.sleep(0.6)
     journal_writer.tick(clock.monotonic_ns())
-    assert rigged.told == [1, 2]
+    assert rigged.published == [1, 2]
     clock.sleep(0.6)
     journal_writer.tick(clock.monotonic_ns())
-    assert rigged.told == [1, 2, 3]
+    assert rigged.published == [1, 2, 3]
     disk.free.set()
     journal_writer.close(10.0)
-    assert rigged.told == disk.written == [1, 2, 3]
+    assert rigged.published == disk.written == [1, 2, 3]
     assert (journal_writer.published_before_commit, journal_writer.written) == (3, 3)
 
 
@@ -138,11 +138,11 @@ def test_what_the_disk_has_no_time_for_is_told_and_counted(rigged: Rigged, monke
     until(lambda: rigged.journal_writer.waiting == 0)
     for n in range(1, 10):
         rigged.put(n)
-    assert rigged.told == [1, 2, 3, 4, 5]
+    assert rigged.published == [1, 2, 3, 4, 5]
     assert rigged.journal_writer.waiting == 4
     rigged.disk.free.set()
     rigged.journal_writer.close(10.0)
-    assert sorted(rigged.told) == list(range(10))
+    assert sorted(rigged.published) == list(range(10))
     assert rigged.disk.written == [0, 6, 7, 8, 9]
     assert rigged.journal_writer.failed[Reason.QUEUE_FULL] == 5
 
@@ -152,7 +152,7 @@ def test_the_end_waits_only_so_long_and_leaves_nothing_untold(rigged: Rigged) ->
     rigged.put(1)
     rigged.put(2)
     rigged.journal_writer.close(0.05)
-    assert rigged.told == [1, 2]
+    assert rigged.published == [1, 2]
     rigged.disk.free.set()
 
 
@@ -162,7 +162,7 @@ def test_nothing_is_told_twice_when_the_loop_and_the_thread_tell_at_once(rigged:
         rigged.put(3 * n, 3 * n + 1, 3 * n + 2)
         journal_writer.tick(clock.monotonic_ns() + 2 * PUBLISH_AFTER_NS)
     journal_writer.close(10.0)
-    assert sorted(rigged.told) == list(range(900))
+    assert sorted(rigged.published) == list(range(900))
 
 
 DAY_US = 86_400_000_000

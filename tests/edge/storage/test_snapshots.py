@@ -34,18 +34,18 @@ def driven(vehicles: int = 70, steps: int = 30) -> Engine:
         x_m = -30.0 * np.arange(vehicles) + 2.0 * k
         if k > steps - 8:
             x_m[5] += 50.0
-        heard = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 8))
+        received = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 8))
         records = Batch(
-            ids=id_column([f"car{n}" for n in heard]),
-            leader_ids=id_column([None] * heard.size),
-            msg_cnt=np.full(heard.size, k),
-            t_us=t_us[heard],
-            received_us=t_us[heard],
-            lat_deg=42.0 + x_m[heard] / 111_083.0,
-            lon_deg=np.full(heard.size, -83.0),
-            speed_mps=np.full(heard.size, 20.0),
-            heading_deg=np.zeros(heard.size),
-            **dict.fromkeys(("accel_mps2", "accuracy_m", "length_m", "range_m", "range_rate_mps"), nothing[heard]),
+            ids=id_column([f"car{n}" for n in received]),
+            leader_ids=id_column([None] * received.size),
+            msg_cnt=np.full(received.size, k),
+            t_us=t_us[received],
+            received_us=t_us[received],
+            lat_deg=42.0 + x_m[received] / 111_083.0,
+            lon_deg=np.full(received.size, -83.0),
+            speed_mps=np.full(received.size, 20.0),
+            heading_deg=np.zeros(received.size),
+            **dict.fromkeys(("accel_mps2", "accuracy_m", "length_m", "range_m", "range_rate_mps"), nothing[received]),
         )
         engine.step(records, int(t_us[0]))
     assert engine.active_events == 2

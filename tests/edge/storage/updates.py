@@ -26,11 +26,11 @@ def query(**asked) -> AlertsQuery:
 
 
 def found(path: Path, **asked) -> list[dict]:
-    return [json.loads(told) for told in page(path, query(**asked), IDENTITY.site)]
+    return [json.loads(published) for published in page(path, query(**asked), IDENTITY.site)]
 
 
 def detected(path: Path, **asked) -> list[int]:
-    return [told["detected_us"] for told in found(path, **asked)]
+    return [published["detected_us"] for published in found(path, **asked)]
 
 
 def stored(updates: list[Event]) -> list[Event]:

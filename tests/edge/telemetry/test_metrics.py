@@ -25,12 +25,12 @@ def scrape(rig: Rig) -> dict[tuple[str, ...], float]:
 
 
 def test_the_table_is_what_is_told_beside_the_process() -> None:
-    told = {
+    published = {
         family.name + ("_total" if family.type == "counter" else ""): (family.type, family.documentation)
         for family in text_string_to_metric_families(Metrics(Rig(StubEngine()).context).text().decode())
         if not family.name.startswith("process_")
     }
-    assert told == {metric.name: (metric.type, metric.help) for metric in TABLE}
+    assert published == {metric.name: (metric.type, metric.help) for metric in TABLE}
 
 
 def test_names_carry_service_unit_and_type() -> None:
@@ -106,8 +106,8 @@ def test_percentiles_are_right_to_a_twentieth_and_of_the_time_since_the_last_rep
     sample_us = rng.lognormal(7.0, 1.0, 50_000)
     for part in np.array_split(sample_us, 100):
         latencies.record(part, part, 0.0, 0.0, 0.0)
-    told = latencies.percentiles_ms()
+    published = latencies.percentiles_ms()
     exact = np.quantile(sample_us, [0.5, 0.99, 0.999]) / 1e3
-    assert [told["p50"], told["p99"], told["p999"]] == pytest.approx(exact.tolist(), rel=0.06)
-    assert told["max"] == pytest.approx(sample_us.max() / 1e3)
+    assert [published["p50"], published["p99"], published["p999"]] == pytest.approx(exact.tolist(), rel=0.06)
+    assert published["max"] == pytest.approx(sample_us.max() / 1e3)
     assert latencies.percentiles_ms() == {}

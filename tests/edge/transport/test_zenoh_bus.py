@@ -107,11 +107,11 @@ def test_an_alert_reaches_its_subscribers_with_its_encoding(bus: ZenohBus, other
     got: list[zenoh.Sample] = []
     other.declare_subscriber(KEYS.every_alert, got.append)
 
-    def told() -> bool:
+    def published() -> bool:
         bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), b"{}")
         return bool(got)
 
-    until(told)
+    until(published)
     assert (str(got[0].key_expr), str(got[0].encoding)) == (KEYS.alert("bias", "a"), EVENT_JSON)
     assert got[0].priority == zenoh.Priority.INTERACTIVE_HIGH
     assert got[0].congestion_control == BLOCK

@@ -28,8 +28,8 @@ def reports(p99_ms_of_second: list[float], lost_in: dict[int, int] | None = None
     return made
 
 
-def assess(told: list[Health]) -> Surged:
-    return assess_surge(told, SURGE, "intended", warm_ns=S, start_ns=0)
+def assess(health: list[Health]) -> Surged:
+    return assess_surge(health, SURGE, "intended", warm_ns=S, start_ns=0)
 
 
 def test_recovery_is_counted_from_the_end_of_the_surge_to_the_first_normal_second() -> None:
@@ -51,9 +51,9 @@ def test_a_surge_that_nobody_felt_is_over_at_once() -> None:
     assert assess(reports([4] * 15)).recovered_s == 0.0
 
 
-@pytest.mark.parametrize("told", [reports([4] * 5 + [900] * 10), reports([4])])
-def test_a_service_that_does_not_recover_has_no_time_for_it(told: list[Health]) -> None:
-    assert assess(told).recovered_s is None
+@pytest.mark.parametrize("health", [reports([4] * 5 + [900] * 10), reports([4])])
+def test_a_service_that_does_not_recover_has_no_time_for_it(health: list[Health]) -> None:
+    assert assess(health).recovered_s is None
 
 
 def test_the_vehicles_of_a_surge_come_and_go_and_keep_their_place_in_time() -> None:

@@ -120,13 +120,13 @@ def test_the_last_message_of_each_sender_is_known():
 
 
 def test_progress_is_told_after_each_batch():
-    told = []
+    progress = []
     clock = FakeClock()
     send(
         [batch(1), batch(2)],
         FakeBus(clock),
         clock=clock,
         warm_ns=0,
-        between=lambda so_far, due_ns: told.append((so_far.records, due_ns // MS)),
+        between=lambda so_far, due_ns: progress.append((so_far.records, due_ns // MS)),
     )
-    assert told == [(1, 1), (2, 2)]
+    assert progress == [(1, 1), (2, 2)]

@@ -1,1 +1,1 @@
-"""Bytes to columns, and the service's own messages to bytes."""
+"""Bytes to columns, and the messages of the service to bytes."""

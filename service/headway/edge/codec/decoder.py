@@ -1,8 +1,8 @@
-"""Bytes to core columns, and the service's own messages to bytes.
+"""Bytes of received messages to the columns of a batch.
 
-A turn's payloads that are all of the usual form are read in one compiled pass (`compact`). Otherwise they are read one
-by one, then judged together as columns; only a record that fails there is shown to the model, which names the fault.
-Every record of every payload ends in the batch or in exactly one rejection.
+A batch of compact msgpack records is decoded in one compiled pass (`msgpack_columns`). Any other batch is decoded
+payload by payload and then validated by column. Only a record that fails there goes to the model, which names the
+reason. Each record of each payload ends in the batch or in exactly one rejection.
 """
 
 from collections.abc import Sequence
@@ -29,10 +29,10 @@ from headway_schemas.encodings import BSM_MSGPACK
 from headway_schemas.keys import Keys, has_wildcard, is_gateway, is_id
 
 _CACHED_MAX: Final = 100_000
-"""Keys, and identifiers, found right that are remembered; when there are more, all are forgotten."""
+"""Most valid keys, and most valid identifiers, in the caches; a full cache is cleared."""
 _NOT_THE_SENDER: Final = RejectReason(Outcome.IDENTITY_MISMATCH, "id is not the sender that the key names")
 _ANY_SENDER: Final = ""
-"""Owner of a gateway's key: its records may be anybody's."""
+"""Owner of a gateway's key: its records may have any sender."""
 
 _BSM: Final = Layout.of(Bsm)
 _LEADER: Final = Layout.of(Leader)
@@ -40,7 +40,7 @@ _LEADER: Final = Layout.of(Leader)
 _RECEIVED_US: Final = itemgetter(ReceivedMessage._fields.index("received_us"))
 
 _NOTHING: Final[list[Any]] = []
-"""Record of no fields: no model accepts it."""
+"""A record without fields, which no model accepts."""
 
 _REASONS: Final = {
     "missing": Outcome.UNAVAILABLE,
@@ -51,7 +51,7 @@ _REASONS: Final = {
     "less_than_equal": Outcome.OUT_OF_RANGE,
     "value_error": Outcome.OUT_OF_RANGE,
 }
-"""The model's word for a fault and ours; every other is malformed."""
+"""Error types of the model and our reasons; every other type is malformed."""
 _WORST_FIRST: Final = (
     Outcome.WRONG_VERSION,
     Outcome.MALFORMED,
@@ -59,16 +59,16 @@ _WORST_FIRST: Final = (
     Outcome.UNAVAILABLE,
     Outcome.OUT_OF_RANGE,
 )
-"""Of several faults in one record, the one that names it."""
+"""Of several errors in one record, the first of these names it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Decoded:
-    """One turn's arrivals, taken apart."""
+    """The decoded messages of one loop iteration."""
 
     batch: Batch
     sources: I64
-    """(B,) for each record of the batch, the index of its arrival."""
+    """(B,) for each record of the batch, the index of its message."""
     rejections: list[Rejection]
 
 
@@ -85,14 +85,14 @@ class DecodedRecords:
 
 @dataclass(frozen=True, slots=True)
 class _Opened:
-    """Payloads that could be read: the records of them all, and (P,) for each payload where it came from."""
+    """The payloads that could be read: all their records, and (P,) the message of each payload."""
 
     records: list[Any]
     sources: list[int]
     sizes: list[int]
     """Records of the payload."""
     owners: list[str]
-    """Who alone may be the sender of these records."""
+    """The only sender allowed for these records; empty for a gateway."""
 
 
 class Codec:
@@ -103,7 +103,7 @@ class Codec:
     keys
         Keys of the site.
     payload_max_bytes
-        Size of the largest payload that is read at all.
+        Size of the largest payload that is decoded.
     bundle_max
         Records of the largest bundle.
     """
@@ -115,11 +115,11 @@ class Codec:
         self._clock_offset_us = 0
         self._reader = Reader(bundle_max)
         self._owners: dict[str, bytes] = {}
-        """By key, padded."""
+        """Owner by key, padded."""
         self._ids: set[str] = set()
 
     def decode(self, messages: Sequence[ReceivedMessage], clock_offset_us: int = 0) -> Decoded:
-        """Turn arrivals into a batch, in their order, and name what is wrong with the rest; never raises.
+        """Decode messages to a batch, in order, and name the reason for each rejected record; never raises.
 
         `clock_offset_us` takes the local receive time to Unix time.
         """
@@ -127,11 +127,11 @@ class Codec:
         return self._decode_compact(messages) or self._decode_any(messages)
 
     def warm_up(self) -> None:
-        """Compile or load what reads the usual form."""
+        """Compile or load the kernel for compact records."""
         msgpack_columns.read(b"", np.empty(0, np.int64), b"", self._bundle_max)
 
     def _decode_compact(self, messages: Sequence[ReceivedMessage]) -> Decoded | None:
-        """Decode arrivals that are all of the usual form, from keys known, with nothing wrong; None: they are not."""
+        """Decode valid compact records under known keys; None if a message is anything else."""
         read = self._read_compact(messages)
         if read is None:
             return None
@@ -143,7 +143,7 @@ class Codec:
         return Decoded(batch, sources, [])
 
     def _read_compact(self, messages: Sequence[ReceivedMessage]) -> CompactRecords | None:
-        """Read arrivals that are all of the usual form; None where there is more to say of one."""
+        """Read valid compact records under known keys; None if a message is anything else."""
         if not messages:
             return None
         keys, payloads, encodings, are_puts, _, _ = zip(*messages, strict=True)
@@ -196,7 +196,7 @@ class Codec:
         return ids, leader_ids, table.numbers | leader_numbers, good
 
     def records_in(self, messages: Sequence[ReceivedMessage]) -> int:
-        """Return how many records `decode` would account for."""
+        """Return the number of records that `decode` would account for."""
         read = self._read_compact(messages)
         if read is not None:
             return read.ids.size
@@ -265,12 +265,12 @@ class Codec:
     def _leaders(
         self, column: Sequence[Any], ids: list[Any], good: NDArray[np.bool_]
     ) -> tuple[list[Any], dict[str, F64]]:
-        """Return ids and numbers of the declared leaders, clearing `good` of records whose leader cannot be."""
+        """Return ids and numbers of the declared leaders, clearing `good` of records with an invalid leader."""
         if column.count(None) == len(column):
             return list(column), {name: np.full(len(column), np.nan) for name in _LEADER.kinds}
         table = _LEADER.table(_fitting([_NOTHING if leader is None else leader for leader in column], _LEADER))
         leader_ids = list(table.cells["id"])
-        # Where no leader is declared the sender's own id stands in, which has been judged.
+        # Without a declared leader the id of the sender stands in, which has been validated.
         declared = [
             sender if leader is None else leader_id
             for leader, leader_id, sender in zip(column, leader_ids, ids, strict=True)
@@ -322,7 +322,7 @@ def _may_send(owner: str, sender: Any) -> bool:
 
 
 def _fitting(records: list[Any], layout: Layout) -> list[Any]:
-    """Put an empty record in the place of all that the layout cannot hold."""
+    """Replace each record that does not fit the layout by an empty one."""
     width = len(layout.fields)
     if set(map(type, records)) <= {list} and max(map(len, records), default=0) <= width:
         return records
@@ -330,7 +330,7 @@ def _fitting(records: list[Any], layout: Layout) -> list[Any]:
 
 
 def _reject_reason(record: Any) -> RejectReason | None:
-    """Ask the model what is wrong with a record; None: nothing."""
+    """Return why the model rejects a record, None if it does not."""
     if isinstance(record, RejectReason):
         return record
     if type(record) is not list:
@@ -340,8 +340,8 @@ def _reject_reason(record: Any) -> RejectReason | None:
     try:
         from_record(record)
     except ValidationError as error:
-        faults = [_reason_of(details) for details in error.errors(include_url=False, include_context=False)]
-        return min(faults, key=lambda reason: _WORST_FIRST.index(reason.outcome))
+        reasons = [_reason_of(details) for details in error.errors(include_url=False, include_context=False)]
+        return min(reasons, key=lambda reason: _WORST_FIRST.index(reason.outcome))
     except ValueError:
         return shape_reason(record[0], "the leader of a record is an array of at most three fields")
     return None

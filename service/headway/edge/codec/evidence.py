@@ -1,4 +1,4 @@
-"""Evidence on the wire, there and back."""
+"""Evidence to the wire and back."""
 
 from dataclasses import asdict, fields
 from typing import Final
@@ -18,15 +18,15 @@ _LEADER: Final = "leader_row"
 
 
 def parameters(config: DetectorConfig, version: str, core: str) -> dict[str, float | str]:
-    """Return all that a verdict depends on beside the readings; `core` is the digest of the sources that judge."""
+    """Return all that a verdict depends on except the readings; `core` is the digest of the sources of the core."""
     of = {name: value if isinstance(value, str) else float(value) for name, value in asdict(config).items()}
     return {**of, "version": version, "core": core}
 
 
 def to_wire(evidence: Evidence, identity: Identity) -> wire.Evidence:
-    """Return all that it takes to compute the verdict again.
+    """Return what is needed to compute the verdict again.
 
-    Its hundreds of numbers are ours and not validated again, which would be most of what an event costs.
+    Its hundreds of numbers are our own; validating them would be most of the cost of an event.
     """
     numbers = np.column_stack([*(evidence.readings[name] for name in _READING), evidence.leaders])
     table = numbers.astype(np.object_)
@@ -40,12 +40,12 @@ def to_wire(evidence: Evidence, identity: Identity) -> wire.Evidence:
 
 
 def from_wire(evidence: wire.Evidence) -> tuple[Evidence, DetectorConfig]:
-    """Return what `to_wire` was given, and the configuration that judged.
+    """Return what `to_wire` was given, and the configuration of the verdict.
 
     Raises
     ------
     ValueError
-        This version cannot read it: a column, a parameter or the checkpoint is not as it should be.
+        This version cannot read it: a column, a parameter or the checkpoint is missing or invalid.
     """
     absent = {*_READING, _LEADER} - set(evidence.columns)
     absent |= {field.name for field in fields(DetectorConfig)} - set(evidence.parameters)

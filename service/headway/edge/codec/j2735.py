@@ -1,10 +1,9 @@
 """SAE J2735 basic safety messages in JSON, by named profile, as compact records of our own.
 
 `raw`: the integers of part I with their sentinels. `ode`: the SI values of the USDOT Operational Data Environment,
-null for unavailable save for accelerations, which keep the literal 2001; lengths in centimetres. A message may stand
-inside the wrappers that the two usually come in. Values are converted, not checked: the model that checks our own
-messages checks these too. A value of a type that the profile does not have is replaced by the name of its type, so
-that it can never pass for one.
+null for unavailable save for accelerations, which keep the literal 2001; lengths in centimetres. A message may be
+inside the usual wrappers of the two. Values are converted, not validated: the model of our own messages validates them
+too. A value of a type that the profile does not have becomes the name of its type, which no limit accepts.
 """
 
 from datetime import datetime
@@ -96,7 +95,7 @@ def _scaled(value: object, per_unit: int, *, unavailable: int) -> object:
 
 
 def _t_us(sec_mark: object, reference_us: int) -> int | RejectReason:
-    """Instant of `secMark`, milliseconds within a minute that the message does not name."""
+    """Return the time of `secMark`, milliseconds within a minute that the message does not name."""
     if sec_mark is None or sec_mark == _SEC_MARK_UNAVAILABLE:
         return RejectReason(Outcome.UNAVAILABLE, "secMark is unavailable")
     if type(sec_mark) is not int:

@@ -1,6 +1,6 @@
-"""Compact records as columns, and which of them the model would accept, without asking it for each.
+"""Compact records as columns, and which of them the model would accept, without a call of the model for each.
 
-The limits come from the model itself, so the two cannot part; a test holds them against each other.
+The limits are read off the model, so the two agree; a test compares them.
 """
 
 import math
@@ -17,7 +17,7 @@ from headway_schemas.fields import Message
 
 _ABSENT: Final = type(None)
 _TYPES: Final[dict[str, frozenset[type]]] = {"integer": frozenset({int}), "number": frozenset({int, float})}
-"""What JSON Schema calls a number, and what may be read as one: true is no number here."""
+"""Number types of JSON Schema and the Python types that they accept; a boolean is no number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +25,7 @@ class Table:
     """B records as columns by field name."""
 
     cells: dict[str, Sequence[Any]]
-    """(B,) for each field that is no number, as the sender wrote it."""
+    """(B,) for each field that is no number, as the sender sent it."""
     numbers: dict[str, F64]
     """(B,) for each field that is a number, NaN where it is null."""
     good: NDArray[np.bool_]
@@ -34,11 +34,11 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """The fields of a compact record in order, and what its K numbers may be."""
+    """The fields of a compact record in order, and the limits of its K numbers."""
 
     fields: tuple[str, ...]
     kinds: dict[str, frozenset[type]]
-    """Types that each number may come in; with NoneType where it may be null."""
+    """Types of each number, with NoneType where it may be null."""
     low: F64
     """(K, 1), inclusive."""
     high: F64
@@ -85,12 +85,12 @@ class Layout:
         """Return (K, B) numbers: at once where each is of a type that it may have, else one by one."""
         found = [set(map(type, column)) for column in columns]
         if all(map(frozenset.issuperset, self.kinds.values(), found)):
-            told = [i for i, types in enumerate(found) if types != {_ABSENT}]
+            present = [i for i, types in enumerate(found) if types != {_ABSENT}]
             values = np.full((len(columns), len(columns[0])), np.nan)
-            if not told:
+            if not present:
                 return values
             try:
-                values[told] = np.array([columns[i] for i in told], dtype=np.float64)
+                values[present] = np.array([columns[i] for i in present], dtype=np.float64)
             except OverflowError:
                 pass
             else:
@@ -108,7 +108,7 @@ class Layout:
 
 
 def _number(value: Any, kinds: frozenset[type]) -> float:
-    """NaN for null, and infinity, which no limit allows, for all that the model would not take for a number."""
+    """Return NaN for null, and infinity, which no limit allows, for what the model does not accept as a number."""
     if value is None:
         return math.nan
     if type(value) not in kinds or math.isnan(value):

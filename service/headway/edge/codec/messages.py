@@ -1,4 +1,4 @@
-"""What the service tells, as messages of the wire contract."""
+"""What the service publishes, as messages of the wire contract."""
 
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
@@ -22,7 +22,7 @@ DETAILS: Final = {
     Outcome.OUT_OF_ORDER: "the message is not newer than the newest of this sender, and no copy of it",
     Outcome.TABLE_FULL: "as many vehicles are known as vehicle_capacity allows",
 }
-"""What to say of a record that the core rejects."""
+"""Details of the reasons for which the core rejects a record."""
 
 _ETSI_TARGET: Final = {
     Sensor.LOCATION: wire.EtsiTarget.POSITION,
@@ -126,7 +126,7 @@ def _standings(states: PairStates) -> Iterator[Standing]:
 
 
 _KEY_COPIED_MAX: Final = 256
-"""Characters of a key that go into a rejected copy."""
+"""Most characters of a key in a rejected copy."""
 
 
 def encode(message: Message) -> bytes:

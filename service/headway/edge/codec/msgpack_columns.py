@@ -1,7 +1,7 @@
-"""Compact msgpack records straight to columns: one compiled pass over the payloads of a turn.
+"""Compact msgpack records to columns: one compiled pass over the payloads of a batch.
 
-It reads what nearly all senders send, arrays of numbers and a short string, alone or in bundles. It never judges: a
-payload with anything else in it, or a number out of its limits, is left to msgpack and the model, which name the fault.
+It reads arrays of numbers and a short string, alone or in bundles, which nearly all senders send. A payload with
+anything else, or with a number out of its limits, is left to msgpack and the model, which name the reason.
 """
 
 from typing import Any, Final, NamedTuple
@@ -17,9 +17,9 @@ from headway_schemas.keys import is_id
 
 _BSM, _LEADER = Layout.of(Bsm), Layout.of(Leader)
 NAMES: Final = (*_BSM.kinds, *_LEADER.kinds)
-"""Of the K numbers of a record: those of its leader come last."""
+"""Names of the K numbers of a record; those of its leader come last."""
 ID, LEADER = _BSM.fields.index("id"), _BSM.fields.index("leader")
-"""Places in a record of what is no number."""
+"""Places in a record of the fields that are no numbers."""
 FIELDS, LEADER_FIELDS, OF_LEADER = len(_BSM.fields), len(_LEADER.fields), len(_BSM.kinds)
 IN_AN_ID: Final = np.array([is_id(chr(byte)) for byte in range(256)])
 """(256,) whether a byte may be in an identifier."""
@@ -27,7 +27,7 @@ IN_AN_ID: Final = np.array([is_id(chr(byte)) for byte in range(256)])
 WORD = np.dtype(
     {"names": ["u8", "i8", "f8", "f4"], "formats": ["u8", "i8", "f8", "f4"], "offsets": [0] * 4, "itemsize": 8}
 )
-"""Eight bytes as whatever they are meant to be. A record, since a view of an array is a counted reference."""
+"""Eight bytes as one of these types. A record, because a view of an array is a counted reference."""
 FIX_ARRAY, FIX_STRING, NIL, FLOAT_32, FLOAT_64 = 0x90, 0xA0, 0xC0, 0xCA, 0xCB
 UINT_8, INT_8, INT_64, STRING_8, ARRAY_16 = 0xCC, 0xD0, 0xD3, 0xD9, 0xDC
 """First bytes of msgpack."""
@@ -35,7 +35,7 @@ UINT_8, INT_8, INT_64, STRING_8, ARRAY_16 = 0xCC, 0xD0, 0xD3, 0xD9, 0xDC
 
 LIMIT = np.dtype([("low", "f8"), ("high", "f8"), ("nullable", "?"), ("integer", "?")])
 LIMITS: Final = np.zeros(len(NAMES), LIMIT)
-"""(K,) what each number may be."""
+"""(K,) limits of each number."""
 for _layout, _part in ((_BSM, slice(OF_LEADER)), (_LEADER, slice(OF_LEADER, None))):
     LIMITS["low"][_part], LIMITS["high"][_part] = _layout.low.ravel(), _layout.high.ravel()
     LIMITS["nullable"][_part] = _layout.nullable.ravel()
@@ -46,7 +46,7 @@ class CompactRecords(NamedTuple):
     """B records as columns."""
 
     numbers: F64
-    """(K, B) by `NAMES`, NaN where nothing is said."""
+    """(K, B) by `NAMES`, NaN where null."""
     ids: Ids
     """(B,)"""
     leader_ids: Ids
@@ -56,9 +56,9 @@ class CompactRecords(NamedTuple):
 
 
 def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> CompactRecords | None:
-    """Read payloads that lie end to end, of `sizes` (P,) bytes; None where one of them is not for here.
+    """Read payloads that lie end to end, of `sizes` (P,) bytes; None if one of them is of another form.
 
-    `owners` are P names end to end, of NAME_BYTES each: whose records alone each may hold; NUL throughout: anybody's.
+    `owners` are P ids end to end, of ID_BYTES each: the only sender allowed in each payload; all NUL: any sender.
     """
     most = len(payloads) // OF_LEADER + 1  # a record that is complete is longer
     numbers, records = np.empty((len(NAMES), most)), np.empty_like(sizes)
@@ -72,7 +72,7 @@ def read(payloads: bytes, sizes: I64, owners: bytes, bundle_max: int) -> Compact
 
 
 _inlined: Final = njit(cache=True, error_model="numpy", inline="always")
-"""A call costs as much as to read a number."""
+"""A call costs as much as reading a number."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -87,8 +87,8 @@ def _read(
     leader_ids: Words,
     out_records: I64,
 ) -> int:
-    """Fill in the columns and return how many records there are, -1 where a payload is not for here."""
-    room = np.zeros(1, WORD)  # an array, used to the end: a record does not keep its array alive
+    """Fill in the columns and return how many records there are, -1 if a payload is of another form."""
+    workspace = np.zeros(1, WORD)  # used to the end, because a record does not keep its array alive
     count, at, end = 0, 0, 0
     for payload in range(sizes.size):
         end += sizes[payload]
@@ -101,7 +101,7 @@ def _read(
         for _ in range(records):
             if count == ids.shape[0]:
                 return -1
-            at = _record(buffer, at, end, limits, room[0], count, numbers, ids, leader_ids)
+            at = _record(buffer, at, end, limits, workspace[0], count, numbers, ids, leader_ids)
             if at < 0 or same(ids, count, leader_ids, count):
                 return -1
             if owners[payload, 0] != 0 and not same(ids, count, owners, payload):
@@ -117,7 +117,7 @@ def _read(
 def _record(
     buffer: Any, at: int, end: int, limits: Any, word: Any, i: int, numbers: F64, ids: Words, leader_ids: Words
 ) -> int:
-    """Read record `i` and return where it ends, -1 where it is not for here."""
+    """Read record `i` and return where it ends, -1 if it is of another form."""
     fields, at = _array(buffer, at, end)
     if not ID < fields <= FIELDS:
         return -1
@@ -142,7 +142,7 @@ def _record(
 
 @_inlined
 def _leader(buffer: Any, at: int, end: int, limits: Any, word: Any, i: int, numbers: F64, leader_ids: Words) -> int:
-    """Read the leader of record `i` and return where it ends, -1 where it is not for here."""
+    """Read the leader of record `i` and return where it ends, -1 if it is of another form."""
     fields, at = _array(buffer, at, end)
     if not 1 <= fields <= LEADER_FIELDS:
         return -1

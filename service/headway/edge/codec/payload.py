@@ -1,7 +1,7 @@
 """From the bytes of one payload to compact records, for every encoding that the service reads.
 
-Nothing here trusts the sender: sizes are bounded before memory is asked for, and what cannot be read is a `Fault`.
-A record that comes out is not yet checked; it is whatever the sender put in its place.
+Sizes are bounded before memory is allocated, and what cannot be read becomes a `RejectReason`. A record that comes out
+is not validated yet: it may be any object.
 """
 
 import json
@@ -22,15 +22,15 @@ _FIELD_SET: Final = frozenset(FIELDS)
 _LEADER_FIELD_SET: Final = frozenset(LEADER_FIELDS)
 
 Records = list[Any]
-"""Compact records, each with a `Fault` or some other object in its place where the sender sent no record."""
+"""Compact records; a `RejectReason` or another object where the sender sent no record."""
 
 
 class RejectedPayload(NamedTuple):
-    """A payload without a single record to judge."""
+    """A payload without a record that can be decoded."""
 
     reason: RejectReason
     size: int = 1
-    """Records in it; one where nobody can count them."""
+    """Records in it; one where they cannot be counted."""
 
 
 class _BundleTooLargeError(Exception):
@@ -62,9 +62,7 @@ class Reader:
         try:
             return reader(payload, received_us)
         except _BundleTooLargeError as error:
-            reason = RejectReason(
-                Outcome.BUNDLE_TOO_LARGE, f"{error.size} records where {self._bundle_max} are the most"
-            )
+            reason = RejectReason(Outcome.BUNDLE_TOO_LARGE, f"{error.size} records, at most {self._bundle_max}")
             return RejectedPayload(reason, error.size)
         except (ValueError, RecursionError):
             return RejectedPayload(RejectReason(Outcome.MALFORMED, f"not {encoding}"))
@@ -129,7 +127,7 @@ def record_of(message: Mapping[str, Any]) -> list[Any] | RejectReason:
 
 
 def shape_reason(version: object, detail: str) -> RejectReason:
-    """Name a record whose fields are not those of this version: what may be right in another is no error of form."""
+    """Return the reason for a record with other fields: wrong version where `v` differs, else malformed."""
     if type(version) is int and version != WIRE_VERSION:
         return RejectReason(Outcome.WRONG_VERSION, f"v is not {WIRE_VERSION}")
     return RejectReason(Outcome.MALFORMED, detail)
@@ -147,7 +145,7 @@ def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _msgpack_array_size(payload: bytes) -> int:
-    """Return what the header of a long msgpack array announces, 0 for anything else."""
+    """Return the size in the header of a long msgpack array, 0 for anything else."""
     if payload[:1] == b"\xdc":
         return int.from_bytes(payload[1:3], "big")
     if payload[:1] == b"\xdd":
