@@ -69,32 +69,32 @@ class Roadside:
 @pytest.mark.parametrize("seed", [0, 1])
 def test_a_fleet_of_strangers_keeps_the_budget(seed: int) -> None:
     """Measured .5 an hour (55 h): 2 expected here, 6 exceeded by chance in 1 run of 200."""
-    heard = Roadside()
+    received = Roadside()
     for frame in FleetFrames(300, 50.0, seed=seed):
-        heard.take(frame)
-    assert heard.vehicle_hours == pytest.approx(4.2, abs=0.1)
-    assert len(heard.onsets) <= 6
+        received.take(frame)
+    assert received.vehicle_hours == pytest.approx(4.2, abs=0.1)
+    assert len(received.onsets) <= 6
 
 
 def test_recorded_drives_stay_near_the_budget(tmp_path) -> None:
     """Smoothed locations, leaders seen by radar: measured 1.8 an hour (37 h), 8 exceeded by chance in 1 run of 70."""
     write_sample(tmp_path, pairs=60, seconds=60.0, seed=4)
-    heard = Roadside()
+    received = Roadside()
     for frame in SceneFrames(parse_sources([str(tmp_path)], seconds=60.0, seed=4), concurrent=1_000):
-        heard.take(frame)
-    assert heard.vehicle_hours == pytest.approx(2.0, abs=0.05)
-    assert len(heard.onsets) <= 8
+        received.take(frame)
+    assert received.vehicle_hours == pytest.approx(2.0, abs=0.05)
+    assert len(received.onsets) <= 8
 
 
 def test_the_gate_margin_does_not_hide_faults_of_new_vehicles() -> None:
     """Faults of about two metres or metres a second, between the fourth and the tenth second."""
     frames = FleetFrames(200, 12.0, seed=2, inject=Spec(c=4.0, kinds=(Kind.NOISE, Kind.BIAS), samples=(5, 20)))
-    heard = Roadside()
+    received = Roadside()
     for frame in frames:
-        heard.take(frame)
+        received.take(frame)
     young = [label for label in frames.labels if 4e6 < label.start_us < 10e6]
     found = [
-        any(who == label.vehicle and label.start_us <= t_us <= label.stop_us + 1e6 for who, t_us in heard.onsets)
+        any(who == label.vehicle and label.start_us <= t_us <= label.stop_us + 1e6 for who, t_us in received.onsets)
         for label in young
     ]
     assert len(young) > 100
