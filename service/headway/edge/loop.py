@@ -139,6 +139,8 @@ class ServiceLoop:
         decoded_ns = self._clock.monotonic_ns()
         result = self._engine.step(decoded.batch, self._received_until_us(messages, drained_us), clock_offset_us)
         detected_ns = self._clock.monotonic_ns()
+        for failure in result.failures:
+            _log.error("detector failed; these vehicles start again", error=failure.error, records=failure.records)
         decode_us, detect_us = (decoded_ns - drained_ns) / 1e3, (detected_ns - decoded_ns) / 1e3
         timing = Timing(drained_us, clock_offset_us, int(decode_us), int(detect_us))
         self._publish(self._event_updates.of(result.events, drained_ns, timing))

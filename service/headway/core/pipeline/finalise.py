@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, step_pair_tests, substitute_rejected
 from headway.core.pipeline.classify import Classified, classify, store
+from headway.core.pipeline.finiteness import reset_not_finite
 from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.plausibility.checks import combine
@@ -27,6 +28,8 @@ class Finalised(NamedTuple):
     nis: F64
     """Of the scored readings."""
     leader_changes: int
+    resets: int
+    """Filters initialised again because their numbers were not finite."""
 
 
 _SCORED = np.uint8(Outcome.SCORED)
@@ -43,6 +46,7 @@ def finalise(
 ) -> Finalised:
     """Update all tables with the verdicts (n,) of checks and model, and write the outcomes of the readings (B,)."""
     rows, verdicts = ingested.rows, ingested.verdicts
+    resets = reset_not_finite(tables, ingested, params.model_bytes)
     combine(tables.plausibility, rows, params.limits, verdicts)
     location_valid = store(tables, ingested, verdicts)
     extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"])
@@ -63,4 +67,4 @@ def finalise(
     classified = classify(tables, ingested, verdicts, pair_verdicts, params)
     out_outcomes[ingested.places] = classified.outcomes
     nis = verdicts["nis"][classified.outcomes == _SCORED]
-    return Finalised(classified, pair_verdicts, nis, leader_changes)
+    return Finalised(classified, pair_verdicts, nis, leader_changes, resets)

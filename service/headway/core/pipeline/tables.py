@@ -43,3 +43,5 @@ class RoundParams(NamedTuple):
     warming_readings: int
     pair_tests: PairTestParams
     limits: Limits
+    model_bytes: int
+    """Length of the motion model's part, with which a bank row begins."""

@@ -8,16 +8,20 @@ from headway.core.pipeline.classify import FILTER_EVENT, PAIR_EVENT, REAPPEARED
 from headway.core.pipeline.finalise import Finalised, finalise
 from headway.core.pipeline.ingest import Ingested, ingest
 from headway.core.pipeline.ordering import reject_by_age, rounds
+from headway.core.runtime import rows as banks
 from headway.core.runtime.bound_kernel import bind_signature
 from headway.core.site.state import SiteState
+from headway.core.tracking.tracks import evict as evict_tracks
 from headway.core.types.batch import I64, Batch, Columns, columns
 from headway.core.types.identifiers import id_column
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind
-from headway.core.types.step_result import RecordVerdicts, StepTally
+from headway.core.types.step_result import RecordVerdicts, RoundFailure, StepTally
 
 _SCORED = np.uint8(Outcome.SCORED)
 """As numpy's own number it is compared ten times faster."""
+_FAILURE_RECORDS = 20
+"""Most records of a failed round whose input is kept."""
 
 
 class RoundProcessor:
@@ -42,7 +46,10 @@ class RoundProcessor:
         order, nth, count = rounds(rows, batch.t_us, outcomes, self._records_by_row)
         for n in range(count):
             places = order if count == 1 else order[nth == n]
-            self._process_round(numbers, rows, declared_rows, places, now_us, outcomes, tally)
+            try:
+                self._process_round(numbers, rows, declared_rows, places, now_us, outcomes, tally)
+            except Exception as error:  # noqa: BLE001 - a defect must not end the service; it is counted and logged
+                self._fail(error, numbers, rows, places, outcomes, tally)
         return outcomes
 
     def _assign_rows(self, batch: Batch, outcomes: NDArray[np.uint8]) -> I64:
@@ -58,6 +65,28 @@ class RoundProcessor:
             rows = site.vehicles.rows(batch.ids)
             outcomes[(rows < 0) & (outcomes == _SCORED)] = Outcome.TABLE_FULL
         return rows
+
+    def _fail(
+        self,
+        error: Exception,
+        batch: Columns,
+        all_rows: I64,
+        places: I64,
+        outcomes: NDArray[np.uint8],
+        tally: StepTally,
+    ) -> None:
+        """Give the records of a round that failed their outcome, and forget the state that it touched."""
+        rows = all_rows[places]
+        outcomes[places] = Outcome.DETECTOR_FAILED
+        banks.wipe(self._site.tables.bank, rows)
+        banks.wipe(self._site.tables.newest_verdicts, rows)
+        evict_tracks(self._site.tables.tracks, rows)
+        ids, columns_of = self._site.vehicles.id_of, batch._asdict().items()
+        records: list[dict[str, object]] = [
+            {"id": ids[all_rows[i]], **{name: column[i].item() for name, column in columns_of}}
+            for i in places[:_FAILURE_RECORDS].tolist()
+        ]
+        tally.failures.append(RoundFailure(f"{type(error).__name__}: {error}", records))
 
     def _process_round(
         self,
@@ -80,6 +109,7 @@ class RoundProcessor:
         tally.anomalous += finalised.classified.anomalous
         tally.repairs += finalised.classified.repairs
         tally.restarts += finalised.classified.restarts
+        tally.resets += finalised.resets
         if finalised.classified.all_marks:
             self._update_events(batch, ingested, finalised, tally)
         if tally.records is not None:

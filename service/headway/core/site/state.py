@@ -57,6 +57,7 @@ class SiteState:
             warming_readings=config.warming_readings,
             pair_tests=detectors.pair_test_params,
             limits=detectors.limits,
+            model_bytes=detectors.model.dtype.itemsize,
         )
 
     def rows(self, stride: int = 1, phase: int = 0) -> I64:

@@ -35,6 +35,7 @@ class Outcome(IntEnum):
     OUT_OF_ORDER = 33
     TABLE_FULL = 34
     CONTRADICTION = 35
+    DETECTOR_FAILED = 36
 
     # By the loop, under overload.
     SHED = 40

@@ -80,6 +80,17 @@ class StepResult:
     restarts: int = 0
     evicted: int = 0
     leader_changes: int = 0
+    resets: int = 0
+    """Filters initialised again because their numbers were not finite."""
+    failures: list["RoundFailure"] = field(default_factory=list)
+
+
+class RoundFailure(NamedTuple):
+    """An exception of a round: a defect of the detector. Its records have the outcome DETECTOR_FAILED."""
+
+    error: str
+    records: list[dict[str, object]]
+    """Input of the first of them, to reproduce it."""
 
 
 class RecordVerdicts(NamedTuple):
@@ -110,6 +121,8 @@ class StepTally:
     restarts: int = 0
     evicted: int = 0
     leader_changes: int = 0
+    resets: int = 0
+    failures: list[RoundFailure] = field(default_factory=list)
     records: RecordVerdicts | None = None
     """Filled record by record, if given."""
 
@@ -125,6 +138,8 @@ class StepTally:
             restarts=self.restarts,
             evicted=self.evicted,
             leader_changes=self.leader_changes,
+            resets=self.resets,
+            failures=self.failures,
         )
 
 

@@ -20,6 +20,7 @@ DETAILS: Final = {
     Outcome.DUPLICATE: "a message of this sender with this count and time was here before",
     Outcome.CONTRADICTION: "a message of this sender with this time and another content was here before",
     Outcome.OUT_OF_ORDER: "the message is not newer than the newest of this sender, and no copy of it",
+    Outcome.DETECTOR_FAILED: "the detector failed on this message or on one beside it, which its log shows",
     Outcome.TABLE_FULL: "as many vehicles are known as vehicle_capacity allows",
 }
 """Details of the reasons for which the core rejects a record."""

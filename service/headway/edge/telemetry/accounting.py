@@ -37,6 +37,7 @@ class Ledger:
         self.anomalous = 0
         self.sequence_gap_messages = 0
         self.repairs = 0
+        self.resets = 0
         self.restarts = 0
         self.evicted = 0
         self.leader_changes = 0
@@ -90,6 +91,7 @@ class Ledger:
         self.anomalous += result.anomalous
         self.sequence_gap_messages += result.sequence_gaps
         self.repairs += result.repairs
+        self.resets += result.resets
         self.restarts += result.restarts
         self.evicted += result.evicted
         self.leader_changes += result.leader_changes

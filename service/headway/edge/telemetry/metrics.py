@@ -130,6 +130,8 @@ TABLE: Final = (
            _nis),
     Metric("headway_covariance_repairs_total", _C, "Covariances repaired.", (),
            _one(lambda s: s.ledger.repairs)),
+    Metric("headway_filter_resets_total", _C, "Filters initialised again because their numbers were not finite.", (),
+           _one(lambda s: s.ledger.resets)),
     Metric("headway_filter_restarts_total", _C, "Filters initialised again from a reading.", (),
            _one(lambda s: s.ledger.restarts)),
     Metric("headway_leader_changes_total", _C, "Followers whose leader changed.", (),
