@@ -142,14 +142,14 @@ def test_the_order_within_a_batch_has_no_effect() -> None:
         assert {(e.event_id, e.phase, e.nis) for e in a.events} == {(e.event_id, e.phase, e.nis) for e in b.events}
 
 
-def test_silence_among_sending_neighbours_is_a_miss_after_600_ms_until_the_next_message() -> None:
+def test_silence_among_sending_neighbours_is_a_miss_after_a_second_until_the_next_message() -> None:
     engine, platoon = Engine(CONFIG), Platoon(3)
     drive(engine, platoon, 50)
     events = []
     for k in range(15):
         events += [(k, event) for event in step(engine, platoon.next(silent={"car1"})).events]
     [(k, onset)] = events
-    assert 5 <= k <= 8  # 600 ms after the last reading at the earliest
+    assert 10 <= k <= 13  # ten messages may be lost on a channel that is not known yet
     assert (onset.kind, onset.suspect, onset.leader, onset.phase) == (Kind.MISS, "car1", "car0", Phase.ONSET)
     ended = [event for event in drive(engine, platoon, 3) if event.kind is Kind.MISS]
     assert [(event.phase, event.event_id) for event in ended] == [(Phase.CLEARED, onset.event_id)]
@@ -178,7 +178,7 @@ def test_a_lone_vehicle_that_reappears_was_missed_if_others_were_received() -> N
         records = far.next()
         step(engine, replace(records, lon_deg=records.lon_deg + 1.0))
         step(engine, platoon.next())
-    for _ in range(10):
+    for _ in range(15):
         records = far.next()
         assert step(engine, replace(records, lon_deg=records.lon_deg + 1.0)).events == []
         platoon.next()

@@ -1,9 +1,11 @@
 """A miss needs an overdue sender, and messages of others meanwhile."""
 
 import numpy as np
+import pytest
 
 from headway.core.events.miss_log import MissLog
 from headway.core.tracking import reception, tracks
+from headway.core.tracking.coverage import new_coverage
 from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.records import Kind
 from headway.core.types.step_result import Phase
@@ -11,14 +13,32 @@ from headway.core.types.step_result import Phase
 S = 1_000_000
 
 
-def test_never_before_600_ms_and_never_before_three_intervals() -> None:
-    assert [reception.limit_us(interval_s, 0.6) for interval_s in (0.1, 0.2, 0.5)] == [600_000, 600_000, 1_500_000]
+def track(interval_s: float = 0.1, longest_interval_s: float = 0.0, loss: float = 0.0, longest_loss: float = 0.0):
+    """One well-known track of such a sender and channel."""
+    [made] = tracks.new_tracks(1)
+    made["interval_s"], made["longest_interval_s"] = interval_s, max(interval_s, longest_interval_s)
+    made["loss"], made["longest_loss"] = loss, longest_loss
+    return made
 
 
-def test_leader_and_follower_are_each_others_neighbour() -> None:
-    received = np.array([100, 200, 300, 0])
-    neighbour = reception.last_neighbour_us(received, np.array([0, 1, 2]), np.array([-1, 0, 1]))
-    assert neighbour.tolist() == [200, 300, 200]
+@pytest.mark.parametrize(
+    ("interval_s", "longest_s", "limit_s"), [(0.1, 0.1, 0.75), (0.2, 0.2, 1.1), (0.5, 0.5, 1.5), (0.3, 1.0, 2.0)]
+)
+def test_a_pause_is_measured_by_the_senders_own_intervals(interval_s: float, longest_s: float, limit_s: float) -> None:
+    assert reception.pause_limit_us(track(interval_s, longest_s), 0.6) == pytest.approx(limit_s * S, abs=2)
+
+
+def test_a_channel_that_loses_gives_the_sender_more_time() -> None:
+    clear, lossy = reception.limit_us(track(), 0.6), reception.limit_us(track(loss=0.3, longest_loss=2.0), 0.6)
+    assert clear == pytest.approx(1.15 * S, abs=2)
+    assert 0.5 ** ((lossy / S - 0.15) / 0.1) == pytest.approx(reception.CHANCE, rel=0.01)
+
+
+def test_leader_and_follower_are_each_others_neighbour_where_the_road_ahead_is_covered() -> None:
+    heard, rows, leaders = np.array([100, 200, 300, 0]), np.array([0, 1, 2]), np.array([-1, 0, 1])
+    everywhere, nowhere = np.ones(4, np.bool_), np.zeros(4, np.bool_)
+    assert reception.last_neighbour_us(heard, rows, leaders, everywhere).tolist() == [200, 300, 200]
+    assert reception.last_neighbour_us(heard, rows, leaders, nowhere).tolist() == [0, 100, 200]
 
 
 def silent(last_received_us: list[int]) -> np.ndarray:
@@ -30,17 +50,17 @@ def silent(last_received_us: list[int]) -> np.ndarray:
 
 
 def test_overdue_only_while_a_neighbour_is_received() -> None:
-    known = silent([9 * S, 9 * S, int(9.9 * S), 9 * S])
+    known = silent([9 * S, 9 * S, int(10.9 * S), 9 * S])
     leaders = np.array([2, 3, -1, -1])
-    overdue = reception.overdue(known, np.arange(4), leaders, np.zeros(4, np.bool_), 10 * S, 0.6, 30)
+    overdue = reception.overdue(known, new_coverage(), np.arange(4), leaders, np.zeros(4, np.bool_), 11 * S, 0.6, 30)
     assert overdue.tolist() == [True, False, False, False]
 
 
 def test_ignored_and_little_known_vehicles_are_not_overdue() -> None:
-    known = silent([9 * S, 9 * S, int(9.9 * S)])
+    known = silent([9 * S, 9 * S, int(10.9 * S)])
     known["count"][1] = 30
     leaders, ignored = np.array([2, 2, -1]), np.array([True, False, False])
-    assert not reception.overdue(known, np.arange(3), leaders, ignored, 10 * S, 0.6, 30).any()
+    assert not reception.overdue(known, new_coverage(), np.arange(3), leaders, ignored, 11 * S, 0.6, 30).any()
 
 
 def test_a_new_vehicle_at_the_extrapolated_place_is_a_changed_pseudonym() -> None:

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.tables import RoundParams, Tables
-from headway.core.tracking.reception import limit_us
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Records, Sensor
 
@@ -60,7 +59,7 @@ def classify(
             mark |= FILTER_EVENT
         if pair_verdicts[i].kind != _NO_KIND or tables.pair_event_active[row]:
             mark |= PAIR_EVENT
-        late = ingested.step_us[i] > limit_us(track.interval_s, params.silence_timeout_s)
+        late = ingested.step_us[i] > ingested.silence_limit_us[i]
         if tables.miss_event_active[row] or (late and track.count > params.warming_readings):
             mark |= REAPPEARED
         marks[i] = mark

@@ -10,6 +10,8 @@ from headway.core.events.evidence import store_readings
 from headway.core.pipeline.build_readings import build_readings
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.plausibility.checks import check_readings
+from headway.core.tracking.coverage import enter_cell
+from headway.core.tracking.reception import limit_us, pause_limit_us
 from headway.core.tracking.tracks import advance
 from headway.core.types.batch import I64, Columns
 from headway.core.types.outcome import Outcome
@@ -31,6 +33,8 @@ class Ingested(NamedTuple):
     """Receive time of the vehicle's previous message; 0: none."""
     step_us: I64
     """Event time since the previous message."""
+    silence_limit_us: I64
+    """Silence after which the sender was overdue."""
     sequence_gaps: int
     """Messages lost before these, by `msg_cnt`."""
 
@@ -55,7 +59,10 @@ def ingest(
     """
     tracks, rows = tables.tracks, all_rows[round_places]
     last_received_us, step_us = np.empty(rows.size, np.int64), np.empty(rows.size, np.int64)
+    pause_limits_us, silence_limits_us = np.empty(rows.size, np.int64), np.empty(rows.size, np.int64)
     for i in range(rows.size):
+        pause_limits_us[i] = pause_limit_us(tracks[rows[i]], params.silence_timeout_s)
+        silence_limits_us[i] = limit_us(tracks[rows[i]], params.silence_timeout_s)
         last_received_us[i], step_us[i] = tracks[rows[i]].received_us, -tracks[rows[i]].t_us
     advanced = advance(tracks, rows, batch, round_places, params.max_gap_s)
     places, n = np.empty(rows.size, np.int64), 0
@@ -69,6 +76,8 @@ def ingest(
             continue
         places[n], rows[n], last_received_us[n] = place, rows[i], last_received_us[i]
         step_us[n] = step_us[i] + batch.t_us[place]
+        silence_limits_us[n] = silence_limits_us[i] if advanced.sequence_gap[i] else pause_limits_us[i]
+        enter_cell(tables.coverage, tracks[rows[n]])
         n += 1
     places, rows = places[:n], rows[:n]
     readings, leaders = build_readings(tables, batch, rows, places, declared_rows)
@@ -76,4 +85,14 @@ def ingest(
     verdicts = np.zeros(n, VERDICT)
     check_readings(tables.plausibility, rows, readings, params.limits, verdicts)
     sequence_gaps = advanced.sequence_gap.sum()
-    return Ingested(places, rows, leaders, readings, verdicts, last_received_us[:n], step_us[:n], sequence_gaps)
+    return Ingested(
+        places,
+        rows,
+        leaders,
+        readings,
+        verdicts,
+        last_received_us[:n],
+        step_us[:n],
+        silence_limits_us[:n],
+        sequence_gaps,
+    )

@@ -19,6 +19,8 @@ class Tables(NamedTuple):
     tracks: Records
     pairing: Records
     grid: Grid
+    coverage: Records
+    """Of the site, not of vehicles: (CELLS,)."""
     bank: Records
     bank_bytes: NDArray[np.uint8]
     """(C, bytes) a view of the bank: clearing a row of bytes is faster than clearing a record."""

@@ -46,7 +46,14 @@ class Housekeeping:
         ignored = site.misses.active | (self._pseudonym_changed_us == received_us)
         ignored |= received_us < site.reception.outage_until_us
         overdue = reception.overdue(
-            tracks, rows, leaders, ignored, now_us, config.silence_timeout_s, config.warming_readings
+            tracks,
+            site.tables.coverage,
+            rows,
+            leaders,
+            ignored,
+            now_us,
+            config.silence_timeout_s,
+            config.warming_readings,
         )
         for i in np.flatnonzero(overdue):
             row = int(rows[i])

@@ -9,6 +9,7 @@ from headway.core.pipeline.detectors import build_detectors
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.runtime import rows as banks
 from headway.core.tracking import tracks
+from headway.core.tracking.coverage import new_coverage
 from headway.core.tracking.pairing import leaders_of, new_pairing
 from headway.core.tracking.reception import ReceptionMonitor
 from headway.core.tracking.spatial_index import new_grid
@@ -38,6 +39,7 @@ class SiteState:
             tracks=tracks.new_tracks(capacity),
             pairing=new_pairing(capacity),
             grid=new_grid(capacity),
+            coverage=new_coverage(),
             bank=bank,
             bank_bytes=bank.view(np.uint8).reshape(capacity, -1),
             pair_tests=bank["pair_tests"],

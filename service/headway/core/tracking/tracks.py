@@ -49,6 +49,8 @@ CRUMB_EAST, CRUMB_NORTH, CRUMB_X = 0, 1, 2
 
 _INTERVAL_GAIN = 1.0 / 16.0
 _INTERVAL_MIN_S = 0.01
+_LONGEST_KEPT = 0.99  # of a longest interval, or run of losses, with each message
+_LOSS_KEPT = 15.0 / 16.0  # of a share of losses, with each message
 _FIRST_INTERVAL_S = 0.1  # 10 Hz until the interval of the sender is known (SAE J2945/1)
 _TURN_COS_MIN = 0.5  # no vehicle turns by more than 60 degrees within one spacing
 _CHORD_MIN_M = 0.5 * CRUMB_SPACING_M  # shorter ones have no direction in the noise
@@ -68,6 +70,10 @@ TRACK = np.dtype(
         ("count", "i8"),  # readings since x_m was zero
         ("step_s", "f8"),  # event time between the last two readings
         ("interval_s", "f8"),  # the sender's mean interval
+        ("longest_interval_s", "f8"),  # its longest interval of late
+        ("loss", "f8"),  # share of its messages lost of late
+        ("longest_loss", "f8"),  # longest run of lost messages of late
+        ("cell_key", "i8"),  # cell of `coverage` that it was in last
         ("lat_deg", "f8"),
         ("lon_deg", "f8"),
         ("step_east_m", "f8"),  # displacement between the last two readings
@@ -214,7 +220,7 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     if track.t_us == 0:
         track.length_m = DEFAULT_LENGTH_M
         track.accuracy_m = np.nan
-        track.interval_s = _FIRST_INTERVAL_S
+        track.interval_s = track.longest_interval_s = _FIRST_INTERVAL_S
     track.generation += 1
     track.count = 0
     track.step_s = track.step_east_m = track.step_north_m = 0.0
@@ -246,6 +252,9 @@ def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> 
     interval_s = min(max(step_s / sent, _INTERVAL_MIN_S), max_gap_s)
     gain = max(_INTERVAL_GAIN, 1.0 / (track.count + 1.0))
     track.interval_s += gain * (interval_s - track.interval_s)
+    track.longest_interval_s = max(_LONGEST_KEPT * track.longest_interval_s, interval_s)
+    track.longest_loss = max(_LONGEST_KEPT * track.longest_loss, float(sent - 1))
+    track.loss = (1.0 - _LOSS_KEPT ** (sent - 1) * (1.0 - track.loss)) * _LOSS_KEPT
     return int(sent - 1)
 
 
