@@ -51,10 +51,22 @@ def test_history_from_the_start_on_where_only_news_is_wanted() -> None:
     assert [s["event_id"] for s in watcher(feed, START_US + 2_305).refresh()["updates"]] == ["veh-0002-2"]
 
 
-def shown(watching: Watcher, height: int) -> str:
-    console = Console(file=io.StringIO(), width=140, height=height, record=True)
+def shown(watching: Watcher, height: int, width: int = 140) -> str:
+    console = Console(file=io.StringIO(), width=width, height=height, record=True)
     console.print(screen(watching.view_state, watching.feed.connection, watching.revision, height))
     return console.export_text()
+
+
+@pytest.mark.parametrize("width", [60, 80, 160])
+def test_a_narrow_screen_leaves_out_columns_and_cuts_no_cell(width: int) -> None:
+    feed = FakeFeed([event(1)])
+    watching = watcher(feed)
+    feed.deliver(*Traffic(20).states(0.0, START_US), health(3.0, START_US))
+    watching.refresh()
+    text = shown(watching, 40, width)
+    assert "…" not in text
+    assert "veh-0001" in text
+    assert text.count("gate") == {60: 0, 80: 2, 160: 2}[width]
 
 
 def test_the_screen_puts_what_is_urgent_first_and_fits() -> None:

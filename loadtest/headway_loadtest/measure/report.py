@@ -212,13 +212,13 @@ def _accounts_verdict(ledger: Ledger) -> Text:
 
 def _times(outcome: Outcome) -> Table:
     table = Table(title="Latency (ms)", title_justify="left", box=None, pad_edge=False)
-    table.add_column("from the intended send time")
+    table.add_column("since the intended send")
     for heading in ("half within", "99 % within", "99.9 % within", "longest"):
         table.add_column(heading, justify="right")
     for name, percentiles in (
         ("until the outcome", outcome.latency),
-        ("until a subscriber had the alert", outcome.alert_latency),
-        ("until the generator had sent it", outcome.late),
+        ("until the alert arrived", outcome.alert_latency),
+        ("until the actual send", outcome.late),
     ):
         if percentiles is not None:
             table.add_row(name, *_milliseconds(percentiles))

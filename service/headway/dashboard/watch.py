@@ -12,12 +12,12 @@ from typing import Final
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
-from rich.table import Table
 from rich.text import Text
 
 from headway.client import BusFeed, Connection, Feed
 from headway.dashboard.broadcast import wall_us
 from headway.dashboard.contact import ContactNotice
+from headway.dashboard.fitted_table import FittedTable
 from headway.dashboard.view_state import PAIR_COLUMNS, Row, ViewState
 from headway_schemas.query import AlertsQuery
 
@@ -173,8 +173,12 @@ def _line(connection: Connection, where: str) -> Text:
     return Text.assemble(("headway ", "bold"), contact, (trouble, "yellow"))
 
 
-def _instances(view_state: ViewState) -> Table:
-    table = _table("site", "instance", "", "vehicles", "scored/s", "p50 ms", "p99 ms", "queue", "rejected", "lost")
+def _instances(view_state: ViewState) -> FittedTable:
+    table = FittedTable(
+        ("site", "instance", "", "vehicles", "scored/s", "p50 ms", "p99 ms", "queue", "rejected", "lost"),
+        droppable=("p50 ms", "queue", "site", "scored/s", "lost", "vehicles"),
+        wrapping=("rejected", "lost"),
+    )
     for h in view_state.instances:
         ready = Text("ready", "green") if h["ready"] else Text("not ready", "red")
         rates, latency = h["rates_hz"], h["latency_ms"]
@@ -186,8 +190,11 @@ def _instances(view_state: ViewState) -> Table:
     return table
 
 
-def _alerts(view_state: ViewState, now_us: int) -> Table:
-    table = _table("alert", "site", "kind", "sensor", "suspect", "behind", "statistic", "gate", "")
+def _alerts(view_state: ViewState, now_us: int) -> FittedTable:
+    table = FittedTable(
+        ("alert", "site", "kind", "sensor", "suspect", "behind", "statistic", "gate", ""),
+        droppable=("gate", "statistic", "site", "behind", "sensor"),
+    )
     newest = {event.event_id: event for event in sorted(view_state.updates, key=lambda event: event.detected_us)}
     for event in sorted(newest.values(), key=lambda event: event.detected_us, reverse=True)[:_ALERTS_SHOWN]:
         open_now = event.phase != "cleared" and now_us - event.detected_us < _OPEN_US
@@ -198,10 +205,13 @@ def _alerts(view_state: ViewState, now_us: int) -> Table:
     return table
 
 
-def _pairs(view_state: ViewState, room: int) -> Table:
+def _pairs(view_state: ViewState, room: int) -> FittedTable:
     rows = [dict(zip(PAIR_COLUMNS, row, strict=True)) for row in view_state.pairs]
     rows.sort(key=lambda r: (_URGENCY.index(r["standing"]), -(r["statistic"] or 0.0), r["follower"]))
-    table = _table("vehicle", "site", "state", "behind", "gap m", "speed m/s", "statistic", "gate")
+    table = FittedTable(
+        ("vehicle", "site", "state", "behind", "gap m", "speed m/s", "statistic", "gate"),
+        droppable=("gate", "statistic", "site", "speed m/s", "behind"),
+    )
     for r in rows[:room]:
         table.add_row(
             r["follower"], r["site"], Text(r["standing"], _STYLES[r["standing"]]), r["leader"] or "-",
@@ -209,13 +219,6 @@ def _pairs(view_state: ViewState, room: int) -> Table:
         )  # fmt: skip
     if len(rows) > room:
         table.caption = f"and {len(rows) - room} more"
-    return table
-
-
-def _table(*columns: str) -> Table:
-    table = Table(*columns, box=None, expand=True, pad_edge=False, header_style="bright_black")
-    for column in table.columns:
-        column.no_wrap = True
     return table
 
 

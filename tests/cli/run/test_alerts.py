@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from edge.storage.updates import update
 from rich.console import Console
+from sim.rig import IDENTITY
 from typer.testing import CliRunner
 
 from headway.cli.app import app
@@ -25,7 +26,7 @@ def journal(tmp_path: Path) -> Path:
     file = tmp_path / "journal.sqlite"
     now_us = time.time_ns() // 1000
     ages_us = (26 * HOUR_US, 2 * HOUR_US, 30_000_000)
-    Journal(file, days=30.0, megabytes=100.0).write(
+    Journal(file, site=IDENTITY.site, instance=IDENTITY.instance, days=30.0, megabytes=100.0).write(
         [update(now_us - age_us, event_id=f"{LONG_ID}-{i}") for i, age_us in enumerate(ages_us)]
     )
     return file

@@ -14,10 +14,10 @@ from typing import Any, Final
 import typer
 from pydantic import ValidationError
 from rich.console import Console
-from rich.table import Table
 
 from headway.cli.run.bus import BusAccess
 from headway.client import BusFeed
+from headway.dashboard.fitted_table import FittedTable
 from headway.edge.storage import journal_query
 from headway.edge.storage.journal_format import reason_of
 from headway.edge.storage.persistence import JOURNAL_FILE
@@ -91,20 +91,12 @@ def print_table(rows: list[dict[str, str]], console: Console) -> None:
     if not rows:
         console.print("no events")
         return
-    widths = {name: max(len(name), *(len(row[name]) for row in rows)) for name in rows[0]}
-    table = Table(box=None, pad_edge=False)
-    shown: list[str] = []
-    for name, width in widths.items():
-        if shown and sum(widths[column] + 2 for column in shown) + width > console.width:
-            break
-        shown.append(name)
-        table.add_column(name, no_wrap=True)
+    names = list(rows[0])
+    table = FittedTable(names, droppable=names[:0:-1], note=True)
     for row in rows:
-        table.add_row(*(row[name] for name in shown))
-    console.width = max(console.width, widths["event"])
+        table.add_row(*row.values())
+    console.width = max(console.width, *(len(row["event"]) for row in rows))
     console.print(table)
-    if len(shown) < len(widths):
-        console.print(f"[dim]not shown, for want of room: {', '.join(list(widths)[len(shown) :])}[/]")
 
 
 def in_journal(event_id: str, file: Path) -> list[Event]:

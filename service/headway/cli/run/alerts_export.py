@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from headway.cli.run.alerts import in_one_line
+from headway.cli.run.output_file import replaced
 from headway.edge.storage import journal_query
 from headway.errors import UserError
 from headway_schemas.query import AlertsQuery
@@ -99,11 +100,7 @@ def _output(out: Path | None) -> Iterator[IO[bytes]]:
     if out is None:
         yield sys.stdout.buffer
         return
-    try:
-        file = out.open("wb")
-    except OSError as error:
-        raise UserError(f"{out}: {error.strerror}") from None
-    with file:
+    with replaced(out) as file:
         yield file
 
 
