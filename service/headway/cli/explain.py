@@ -43,5 +43,5 @@ def explain(
     if as_json:
         typer.echo(json.dumps(again.to_json(explained)))
     else:
-        again.show(explained, Console())
+        again.show(explained, Console(highlight=False, soft_wrap=True))
     raise typer.Exit(0 if again.same(explained) else 1)
