@@ -104,16 +104,16 @@ def test_the_link_comes_back_after_the_service(endpoint: str, feed: BusFeed) -> 
 
 def test_history_is_paged_without_a_gap(endpoint: str, feed: BusFeed) -> None:
     journal = [event(n, t_us=START_US + n // 3) for n in range(10)]
-    told: list[Event] = []
+    published: list[Event] = []
     with service(endpoint, journal) as running:
         connect(running, feed)
         before_us = None
         while page := feed.history(["local"], AlertsQuery(limit=2, before_us=before_us)).events:
-            told += page
+            published += page
             before_us = page[-1].detected_us
-    assert len(told) == 10
-    assert {e.event_id for e in told} == {e.event_id for e in journal}
-    assert told[0].evidence is None
+    assert len(published) == 10
+    assert {e.event_id for e in published} == {e.event_id for e in journal}
+    assert published[0].evidence is None
 
 
 def test_two_journals_are_merged(endpoint: str, feed: BusFeed) -> None:

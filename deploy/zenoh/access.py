@@ -18,7 +18,7 @@ from typing import Any
 NAME = re.compile("[A-Za-z0-9_.~-]{1,64}")
 PLACE = re.compile('"@(cert_common_names|usernames)@"')
 
-TOLD = ["{site}/alert/*/*", "{site}/pair/*/state", "{site}/rejected/*", "{site}/health/*"]
+PUBLISHED = ["{site}/alert/*/*", "{site}/pair/*/state", "{site}/rejected/*", "{site}/health/*"]
 ASKED = ["{site}/alerts", "{site}/pairs"]
 ALIVE = ["{prefix}/@headway/*"]
 
@@ -31,15 +31,15 @@ ROLES = {
     "services": [
         ("ingress", ["declare_subscriber"], ["{site}/bsm/**"]),
         ("egress", ["put"], ["{site}/bsm/*"]),
-        ("ingress", ["put"], [*TOLD[:-1], "{site}/health/{name}"]),
-        ("egress", ["declare_subscriber"], TOLD),
+        ("ingress", ["put"], [*PUBLISHED[:-1], "{site}/health/{name}"]),
+        ("egress", ["declare_subscriber"], PUBLISHED),
         ("ingress", ["declare_queryable", "reply"], ASKED),
         ("egress", ["query"], ASKED),
         ("ingress", ["liveliness_token"], ["{prefix}/@headway/{name}"]),
     ],
     "dashboards": [
-        ("ingress", ["declare_subscriber"], [*TOLD, "{site}/alert/**"]),
-        ("egress", ["put"], TOLD),
+        ("ingress", ["declare_subscriber"], [*PUBLISHED, "{site}/alert/**"]),
+        ("egress", ["put"], PUBLISHED),
         ("ingress", ["query"], ASKED),
         ("egress", ["declare_queryable", "reply"], ASKED),
         ("ingress", ["declare_liveliness_subscriber", "liveliness_query"], ALIVE),

@@ -93,7 +93,7 @@ class Detector:
         )
         self._ttl_us = int(1e6 * config.vehicle_ttl_s)
         self._now_us = 0
-        with kernel_cache.alone(), _compilation_announced():
+        with kernel_cache.alone(), _compilation_message():
             self._engine.warm_up()
 
     def process(self, chunk: Any) -> Result:
@@ -204,7 +204,7 @@ def _result(
 
 
 @contextmanager
-def _compilation_announced() -> Iterator[None]:
+def _compilation_message() -> Iterator[None]:
     """Say once on standard error that kernels are compiled, where none are stored."""
     listener = _Announcement()
     numba_event.register("numba:compile", listener)  # type: ignore[no-untyped-call]

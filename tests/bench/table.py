@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 US = 1e6
-HYPOTHESES = 10
+MODES = 10
 LIKE_FOR_LIKE = (
     ("a single filter: `ekf` beside filterpy's", "ekf", 1, "FilterpyPair", 100),
     ("a single filter: `ekf` beside Stone Soup's", "ekf", 1, "StoneSoupPair", 300),
     ("ten filters: `headway` beside filterpy's ten interacting models", "headway", 1, "FilterpyTen", 100),
-    ("one update of one filter: a tenth of `headway` beside filterpy's", "headway", HYPOTHESES, "FilterpyPair", 100),
-    ("one update of one filter: a tenth of `headway` beside Stone Soup's", "headway", HYPOTHESES, "StoneSoupPair", 300),
+    ("one update of one filter: a tenth of `headway` beside filterpy's", "headway", MODES, "FilterpyPair", 100),
+    ("one update of one filter: a tenth of `headway` beside Stone Soup's", "headway", MODES, "StoneSoupPair", 300),
 )
 """What is compared, our model and how many updates its reading is, theirs, and the ratio aimed at."""
 HELD_TARGET = 10

@@ -48,8 +48,8 @@ def judge(*arguments: str | Path, stdin: bytes | None = None) -> Done:
 def summary(*arguments: str | Path, stdin: bytes | None = None) -> dict[str, Any]:
     done = judge(*arguments, "--json", stdin=stdin)
     assert (done.returncode, done.stderr) == (0, b"")
-    told: dict[str, Any] = json.loads(done.stdout)
-    return told
+    shown: dict[str, Any] = json.loads(done.stdout)
+    return shown
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -66,8 +66,8 @@ def recording(tmp_path: Path) -> Path:
 
 
 def test_the_summary_counts_records_vehicles_time_and_alarms(recording: Path) -> None:
-    told = summary(recording)
-    assert list(told) == [
+    shown = summary(recording)
+    assert list(shown) == [
         "records",
         "outcomes",
         "vehicles",
@@ -76,11 +76,11 @@ def test_the_summary_counts_records_vehicles_time_and_alarms(recording: Path) ->
         "alarms",
         "alarms_per_vehicle_hour",
     ]
-    assert told["records"] == len(RECORDS) == sum(told["outcomes"].values())
-    assert told["vehicles"] == 4
-    assert told["vehicle_hours"] == pytest.approx(4 * 19.9 / 3600, abs=1e-6)
-    assert told["alarms"] == sum(told["events"].values()) >= 1
-    assert told["alarms_per_vehicle_hour"] == pytest.approx(told["alarms"] / told["vehicle_hours"], rel=1e-3)
+    assert shown["records"] == len(RECORDS) == sum(shown["outcomes"].values())
+    assert shown["vehicles"] == 4
+    assert shown["vehicle_hours"] == pytest.approx(4 * 19.9 / 3600, abs=1e-6)
+    assert shown["alarms"] == sum(shown["events"].values()) >= 1
+    assert shown["alarms_per_vehicle_hour"] == pytest.approx(shown["alarms"] / shown["vehicle_hours"], rel=1e-3)
 
 
 def test_events_and_verdicts_are_those_of_the_detector(recording: Path, tmp_path: Path) -> None:
@@ -218,8 +218,8 @@ def test_what_cannot_be_done_is_one_line_and_status_2(
 
 
 def test_the_summary_for_people_names_the_same_numbers(recording: Path) -> None:
-    told, done = summary(recording), judge(recording)
+    shown, done = summary(recording), judge(recording)
     text = done.stdout.decode()
     assert done.returncode == 0
-    assert f"{told['alarms']} alarms" in text
+    assert f"{shown['alarms']} alarms" in text
     assert "4 vehicles" in text

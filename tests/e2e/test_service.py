@@ -54,11 +54,11 @@ def test_a_lie_becomes_an_alert_and_every_message_is_accounted_for(service: Serv
         KEYS.every_rejected, lambda sample: copies.append(RejectedCopy.model_validate_json(sample.payload.to_bytes()))
     )
 
-    def garbage_is_told_back() -> bool:
+    def garbage_is_rejected() -> bool:
         car.put(KEYS.bsm("follower"), b"no message", encoding=BSM_MSGPACK, congestion_control=BLOCK)
         return bool(copies)
 
-    until(garbage_is_told_back)
+    until(garbage_is_rejected)
     assert (copies[0].reason, copies[0].sender, copies[0].payload) == ("malformed", "follower", b"no message")
 
     sent = drive(car, readings=40, fault_from=30)

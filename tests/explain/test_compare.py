@@ -83,11 +83,11 @@ def test_the_onset_of_every_event_is_replayed_from_the_wire_bit_for_bit(
 ) -> None:
     bus = driven(tmp_path, seed=2).bus
     published = [*run[1], *(Event.model_validate_json(payload) for _, payload in bus.on(Channel.ALERT))]
-    told = [event for event in published if event.evidence is not None]
-    assert [event.phase for event in told] == [Phase.ONSET] * len(told)
-    assert len(told) >= 6
-    assert {event.sensor is Sensor.LINK for event in told} == {True, False}
-    for event in told:
+    events = [event for event in published if event.evidence is not None]
+    assert [event.phase for event in events] == [Phase.ONSET] * len(events)
+    assert len(events) >= 6
+    assert {event.sensor is Sensor.LINK for event in events} == {True, False}
+    for event in events:
         again = replayed(event)
         assert again.problem is None
         assert [number for number in again.numbers if not number.same] == []
@@ -95,7 +95,7 @@ def test_the_onset_of_every_event_is_replayed_from_the_wire_bit_for_bit(
 
 
 def test_what_was_told_on_the_bus_is_what_the_journal_answers(run: tuple[Path, list[Event]], tmp_path: Path) -> None:
-    journal, told = run
+    journal, events = run
     later = Rig(Engine(CONFIG), state_dir=journal.parent, identity=IDENTITY)
     queries = [
         MemoryQuery(KEYS.alerts, {"limit": "1000", "evidence": "True"}),
@@ -109,8 +109,8 @@ def test_what_was_told_on_the_bus_is_what_the_journal_answers(run: tuple[Path, l
     later.persistence.close()
     [answer] = queries[0].answers
     in_order = sorted(EVENTS.validate_json(answer), key=lambda event: event.detected_us)
-    assert sorted(in_order, key=repr) == sorted(stored(told), key=repr)
-    assert [event.detected_us for event in in_order] == sorted(event.detected_us for event in stored(told))
+    assert sorted(in_order, key=repr) == sorted(stored(events), key=repr)
+    assert [event.detected_us for event in in_order] == sorted(event.detected_us for event in stored(events))
     assert queries[1].refusals == ["limit: Input should be greater than or equal to 1"]
     assert queries[2].refusals == ["colour: Extra inputs are not permitted"]
     assert queries[3].answers == [b"[]"]
@@ -120,14 +120,14 @@ def test_what_was_told_on_the_bus_is_what_the_journal_answers(run: tuple[Path, l
 def test_the_command_shows_the_same_numbers_and_a_plot(
     run: tuple[Path, list[Event]], sensor: Sensor, tmp_path: Path
 ) -> None:
-    journal, told = run
-    event_id = next(event.event_id for event in told if event.sensor is sensor)
+    journal, events = run
+    event_id = next(event.event_id for event in events if event.sensor is sensor)
     picture = tmp_path / "event.png"
     status, out = invoke("explain", event_id, "--journal", journal, "--plot", picture, "--json")
     shown = json.loads(out)
     assert (status, shown["same"], shown["event_id"]) == (0, True, event_id)
     assert shown["updates"][0]["phase"] == "onset"
-    onset = next(event for event in told if event.event_id == event_id)
+    onset = next(event for event in events if event.event_id == event_id)
     assert shown["updates"][0]["numbers"]["statistic"] == {"stored": onset.statistic, "recomputed": onset.statistic}
     assert picture.read_bytes().startswith(b"\x89PNG")
     status, out = invoke("explain", event_id, "--journal", journal)
@@ -194,8 +194,8 @@ def test_the_journal_of_the_settings_is_the_one_that_is_meant(
 
 
 def test_everything_is_exported_oldest_first(run: tuple[Path, list[Event]], tmp_path: Path) -> None:
-    journal, told = run
-    in_order = sorted(event.detected_us for event in stored(told))
+    journal, events = run
+    in_order = sorted(event.detected_us for event in stored(events))
     lines, table, parquet = (tmp_path / f"out.{form}" for form in ("jsonl", "csv", "parquet"))
     invoke("alerts", "export", lines, "--journal", journal)
     exported = [Event.model_validate_json(line) for line in lines.read_bytes().splitlines()]
@@ -213,12 +213,12 @@ def test_everything_is_exported_oldest_first(run: tuple[Path, list[Event]], tmp_
 
 
 def test_an_export_is_narrowed_by_time_and_kind(run: tuple[Path, list[Event]], tmp_path: Path) -> None:
-    journal, told = run
-    kinds = {event.kind for event in stored(told)}
+    journal, events = run
+    kinds = {event.kind for event in stored(events)}
     out = tmp_path / "some.jsonl"
     for kind in kinds:
         invoke("alerts", "export", out, "--journal", journal, "--kind", kind, "--force")
-        assert len(out.read_bytes().splitlines()) == sum(event.kind is kind for event in stored(told))
+        assert len(out.read_bytes().splitlines()) == sum(event.kind is kind for event in stored(events))
     status, shown = invoke("alerts", "list", "--journal", journal, "--to", "2023-11-14T22:13:20Z", "--json")
     assert (status, json.loads(shown)["alerts"]) == (0, [])
     with pytest.raises(UserError, match="no time"):

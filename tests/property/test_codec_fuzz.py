@@ -67,7 +67,7 @@ DENSE = [1, "b", 127, 2**53 - 1, 42.3, -83.7, 13.5, 90.0, 260.0, -0.5, 1.5, 4.6,
 
 
 @st.composite
-def doubtful_record(draw: st.DrawFn) -> list[Any]:
+def borderline_record(draw: st.DrawFn) -> list[Any]:
     """Return a good record with up to three fields near a limit or odd, at times of another length."""
     record = list(draw(st.sampled_from([SPARSE, DENSE])))
     for name in draw(st.lists(st.sampled_from(FIELDS), max_size=3, unique=True)):
@@ -129,7 +129,7 @@ def test_any_key_is_accounted_for(key: str) -> None:
     assert decoded.rejections or key == "v2x/s/bsm/a" or key.startswith("v2x/s/bsm/gw-")
 
 
-@given(st.lists(doubtful_record() | ODD, min_size=1, max_size=8), st.sampled_from([BSM_MSGPACK, BSM_JSON]))
+@given(st.lists(borderline_record() | ODD, min_size=1, max_size=8), st.sampled_from([BSM_MSGPACK, BSM_JSON]))
 def test_every_record_of_a_bundle_is_accounted_for(records: list[Any], encoding: str) -> None:
     bundle = [[], *records]  # an array first makes it a bundle
     payload = msgpack.packb(bundle) if encoding == BSM_MSGPACK else json.dumps(bundle, default=str).encode()
@@ -149,7 +149,7 @@ def test_any_j2735_message_is_accounted_for(message: Any, encoding: str) -> None
     assert_accounted(decoded, count)
 
 
-@given(st.lists(doubtful_record(), min_size=1, max_size=6))
+@given(st.lists(borderline_record(), min_size=1, max_size=6))
 def test_the_columns_accept_what_the_model_accepts(records: list[list[Any]]) -> None:
     decoded = Codec(KEYS).decode([received(msgpack.packb([[], *records]), BSM_MSGPACK)])
     accepted = set(range(len(records))) - {(rejection.index or 0) - 1 for rejection in decoded.rejections}
@@ -175,7 +175,7 @@ def test_every_form_of_a_message_decodes_to_the_same_numbers(messages: list[Bsm]
             assert [tuple(None if repr(v) == "nan" else v for v in row) for row in rows(decoded.batch)] == expected
 
 
-@given(st.lists(doubtful_record(), min_size=1, max_size=8))
+@given(st.lists(borderline_record(), min_size=1, max_size=8))
 def test_a_record_has_the_same_outcome_alone_and_among_others(records: list[list[Any]]) -> None:
     payloads = [received(msgpack.packb([record]), BSM_MSGPACK, KEYS.bsm("a")) for record in records]
     together = Codec(KEYS).decode(payloads)

@@ -10,7 +10,7 @@ from sim.world import SimWorld
 import headway
 from headway.edge.transport.ports import Channel
 
-LIAR, SILENT, LIE_FROM = 1, 3, 60
+FAULTY, SILENT, FAULT_FROM = 1, 3, 60
 KINDS = 2
 """A miss, and a kind of the sensor's."""
 
@@ -29,12 +29,12 @@ class Troubled(SimWorld):
 
     def _record(self, vehicle: int, k: int, at_s: float) -> list[Any]:
         record = super()._record(vehicle, k, at_s)
-        if vehicle == LIAR and LIE_FROM <= k < LIE_FROM + 10:
+        if vehicle == FAULTY and FAULT_FROM <= k < FAULT_FROM + 10:
             record[6] += 3.0
         return record
 
     def _send(self, vehicle: int, k: int, at_s: float) -> None:
-        if vehicle != SILENT or k < LIE_FROM:
+        if vehicle != SILENT or k < FAULT_FROM:
             super()._send(vehicle, k, at_s)
 
 

@@ -57,9 +57,9 @@ class SimWorld:
         for k in range(round(seconds * rate_hz)):
             for vehicle in range(vehicles):
                 self._send(vehicle, k, k / rate_hz + vehicle / vehicles / rate_hz)
-        self.turns_until_silent()
+        self.iterate_until_silent()
 
-    def turns_until_silent(self) -> None:
+    def iterate_until_silent(self) -> None:
         """Deliver what is due before each turn."""
         clock, bus = self.rig.clock, self.rig.bus
         while self._air or bus.waiting:

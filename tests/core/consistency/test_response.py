@@ -18,7 +18,7 @@ from headway.core.consistency.response import (
 from headway.core.statistics.test_result import CHECK, check_budget
 
 P = ResponseParams(check_budget(1.0))
-NEVER_FORGET = P._replace(memory_s=1e12)
+WITHOUT_DECAY = P._replace(memory_s=1e12)
 
 
 def run(readings: np.ndarray, p: ResponseParams = P, row: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -48,7 +48,7 @@ def batch(readings: np.ndarray, ridge: float) -> np.ndarray:
 def test_theta_is_the_least_squares_fit_of_the_whole_drive() -> None:
     readings = follow(100.0, np.random.default_rng(0), noise=0.01)
     last_solved = readings[: 4 * 240 + 1]  # ticks 5, 10, ... are solved
-    row, checks = run(last_solved, NEVER_FORGET)
+    row, checks = run(last_solved, WITHOUT_DECAY)
     assert checks["statistic"].max() < 3.0  # no tick was given less weight
     assert row["theta"][0] == pytest.approx(batch(last_solved, P.ridge_s), rel=1e-6, abs=1e-6)
 
@@ -151,11 +151,11 @@ def test_the_anomaly_is_not_learnt() -> None:
     speed, location = dip(100, depth_mps=6.0)
     readings["v_mps"][1000:] += speed
     readings["x_m"][1000:] += location
-    lied, checks = run(readings[:1045])
+    with_fault, checks = run(readings[:1045])
     without_fault, _ = run(healthy[:1045])
     assert checks["anomalous"].sum() > 20
-    assert lied["theta"][0] == pytest.approx(without_fault["theta"][0], abs=0.02)
-    assert lied["residual_ms"][0] == pytest.approx(without_fault["residual_ms"][0], rel=0.2)
+    assert with_fault["theta"][0] == pytest.approx(without_fault["theta"][0], abs=0.02)
+    assert with_fault["residual_ms"][0] == pytest.approx(without_fault["residual_ms"][0], rel=0.2)
 
 
 def test_warming_until_enough_was_learnt_and_after_a_new_leader() -> None:

@@ -207,10 +207,14 @@ def test_no_garbage_locks_the_filter_out(model: str, delay_s: float, garbage: st
     rng = np.random.default_rng(5)
     p = params(model, delay_s=delay_s, gate=30.0, rejections_max=10)
     bank = fresh(model)
-    lies = {"far": lambda: (5e5, 60.0), "wild": lambda: rng.normal(0.0, 1e4, 2), "nothing": lambda: (np.nan, np.nan)}
+    outliers = {
+        "far": lambda: (5e5, 60.0),
+        "wild": lambda: rng.normal(0.0, 1e4, 2),
+        "nothing": lambda: (np.nan, np.nan),
+    }
     k = 0
     for _ in range(60):
-        step(bank, reading(0.1 * k, *lies[garbage]()), p)
+        step(bank, reading(0.1 * k, *outliers[garbage]()), p)
         k += 1
     for _ in range(p.rejections_max + 20):
         verdict = step(bank, reading(0.1 * k, 2.0 * k, 20.0), p)
@@ -231,11 +235,11 @@ def test_a_silence_beyond_the_gap_initialises_the_row_and_reports_it() -> None:
 def test_a_sensor_is_named_by_its_own_innovation() -> None:
     p = params("ekf", gate=20.0)
     named = []
-    for lie in ((20.0, 0.0), (0.0, 20.0), (20.0, 20.0)):
+    for fault in ((20.0, 0.0), (0.0, 20.0), (20.0, 20.0)):
         bank = fresh()
         for k in range(20):
             step(bank, reading(0.1 * k, 1.5 * k, 15.0), p)
-        named.append(int(step(bank, reading(2.0, 30.0 + lie[0], 15.0 + lie[1]), p)["sensor"]))
+        named.append(int(step(bank, reading(2.0, 30.0 + fault[0], 15.0 + fault[1]), p)["sensor"]))
     assert named == [1, 2, 3]
 
 

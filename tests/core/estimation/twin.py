@@ -42,7 +42,7 @@ class Twin:
     times: list = field(default_factory=list)
     states: list = field(default_factory=list)
     covariances: list = field(default_factory=list)
-    heard: list = field(default_factory=list)
+    history: list = field(default_factory=list)
     length: float = 5.0
 
     def __post_init__(self):
@@ -54,14 +54,14 @@ class Twin:
 
     def leader_at(self, t):
         """Location, speed and acceleration of the leader; None where there is none."""
-        if not self.heard:
+        if not self.history:
             return None
-        ts = [h[0] for h in self.heard]
+        ts = [h[0] for h in self.history]
         k = int(np.searchsorted(ts, t, side="right"))
         if k in (0, len(ts)):
-            t0, x, v = self.heard[0 if k == 0 else -1]
+            t0, x, v = self.history[0 if k == 0 else -1]
             return x + v * (t - t0), v, 0.0
-        (t0, x0, v0), (t1, x1, v1) = self.heard[k - 1], self.heard[k]
+        (t0, x0, v0), (t1, x1, v1) = self.history[k - 1], self.history[k]
         w = (t - t0) / (t1 - t0)
         return x0 + w * (x1 - x0), v0 + w * (v1 - v0), (v1 - v0) / (t1 - t0)
 
@@ -131,7 +131,7 @@ class Twin:
     def step(self, t, z, leader):
         """Judge a reading z = [x, v]; `leader` is (t, x, v) or None. Return (nis, anomalous, x, v) after it."""
         if leader is not None:
-            self.heard.append(leader)
+            self.history.append(leader)
         if not self.times:
             s, P, nis, anomalous = np.zeros(self.order), np.eye(self.order), 0.0, False
             s[:2] = z

@@ -85,7 +85,7 @@ def test_a_miss_starts_and_ends_under_one_id() -> None:
     vehicles = VehicleTable(2)
     follower, leader = vehicles.admit(["a", "b"])
     log = MissLog(vehicles, 2)
-    onset = log.begin(follower, leader, 5 * S, 6 * S)
+    onset = log.start(follower, leader, 5 * S, 6 * S)
     assert (onset.phase, onset.kind, onset.suspect, onset.leader) == (Phase.ONSET, Kind.MISS, "a", "b")
     assert log.active[follower]
     cleared = log.end(follower, -1, 8 * S, 9 * S)

@@ -51,19 +51,19 @@ def query(**asked: Any) -> AlertsQuery:
         raise UserError(f"--{first['loc'][0]} {first['input']}: {first['msg'].lower()}") from None
 
 
-def statements(file: Path, asked: AlertsQuery) -> list[Event]:
-    """Return the newest `limit` statements that meet a query, oldest first."""
+def stored_events(file: Path, asked: AlertsQuery) -> list[Event]:
+    """Return the newest `limit` event updates that meet a query, oldest first."""
     with in_one_line(file):
-        return [Event.model_validate_json(told) for told in journal_query.page(file, asked)][::-1]
+        return [Event.model_validate_json(stored) for stored in journal_query.page(file, asked)][::-1]
 
 
 def show(file: Path, asked: AlertsQuery, *, as_json: bool) -> None:
-    """Print the newest statements."""
-    told = statements(file, asked)
+    """Print the newest event updates."""
+    events = stored_events(file, asked)
     if as_json:
-        typer.echo(json.dumps({"alerts": [event.model_dump(mode="json") for event in told]}))
+        typer.echo(json.dumps({"alerts": [event.model_dump(mode="json") for event in events]}))
         return
-    rows = [_row(event) for event in told]
+    rows = [_row(event) for event in events]
     if sys.stdout.isatty():
         print_table(rows, Console())
     else:
@@ -107,7 +107,7 @@ def in_journal(event_id: str, file: Path) -> list[Event]:
     UserError
         There is no such event, or no journal.
     """
-    return _found(event_id, statements(file, _of_event(event_id)), str(file))
+    return _found(event_id, stored_events(file, _of_event(event_id)), str(file))
 
 
 def on_bus(event_id: str, bus: BusAccess, site: str) -> list[Event]:

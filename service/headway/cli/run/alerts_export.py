@@ -15,7 +15,7 @@ from headway.errors import UserError
 from headway_schemas.query import AlertsQuery
 
 Writer = Callable[[Iterable[bytes], IO[bytes]], int]
-"""Writes the JSON of statements in its own format; returns how many."""
+"""Writes the JSON of event updates in its own format; returns how many."""
 
 _PARTS: Final = {"innovation": ("x_m", "v_mps"), "recovered": ("x_m", "v_mps", "x_std_m", "v_std_mps")}
 _STAGES: Final = ("wire", "queue", "decode", "detect")
@@ -41,19 +41,19 @@ def writer(form: str | None, out: Path | None) -> Writer:
 def export(file: Path, asked: AlertsQuery, write: Writer, out: Path | None) -> int:
     """Write every statement that meets the query, oldest first, `limit` aside; return how many."""
     with in_one_line(file), _output(out) as to:
-        return write((told.json for told in journal_query.read(file, asked, oldest_first=True)), to)
+        return write((stored.json for stored in journal_query.read(file, asked, oldest_first=True)), to)
 
 
-def write_lines(told: Iterable[bytes], to: IO[bytes]) -> int:
+def write_lines(stored: Iterable[bytes], to: IO[bytes]) -> int:
     """Write each as it went out, a line of JSON; return how many."""
-    return sum(1 for line in told if to.write(line + b"\n"))
+    return sum(1 for line in stored if to.write(line + b"\n"))
 
 
-def write_csv(told: Iterable[bytes], to: IO[bytes]) -> int:
+def write_csv(stored: Iterable[bytes], to: IO[bytes]) -> int:
     """Write the flat columns of each, the evidence left out; return how many."""
     lines = csv.writer(_Encoder(to))
     count = 0
-    for row in map(flat, told):
+    for row in map(flat, stored):
         if not count:
             lines.writerow(row)
         lines.writerow(row.values())
@@ -71,9 +71,9 @@ class _Encoder:
         return self._to.write(text.encode())
 
 
-def flat(told: bytes) -> dict[str, Any]:
+def flat(stored: bytes) -> dict[str, Any]:
     """Return one row: every field but the evidence, the parts of a part under names of their own."""
-    event: dict[str, Any] = json.loads(told)
+    event: dict[str, Any] = json.loads(stored)
     del event["evidence"]
     row: dict[str, Any] = {}
     for name, value in event.items():
@@ -86,11 +86,11 @@ def flat(told: bytes) -> dict[str, Any]:
     return row
 
 
-def write_parquet(told: Iterable[bytes], to: IO[bytes]) -> int:
+def write_parquet(stored: Iterable[bytes], to: IO[bytes]) -> int:
     """Write the flat columns of each, the evidence left out; return how many."""
     import polars as pl
 
-    table = pl.DataFrame([flat(one) for one in told], infer_schema_length=None)
+    table = pl.DataFrame([flat(one) for one in stored], infer_schema_length=None)
     table.write_parquet(to)
     return table.height
 

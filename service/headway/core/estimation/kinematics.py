@@ -226,16 +226,16 @@ def repair_covariance(filters: Any) -> bool:
         det = aa * minor - va * (xx * va - xv * xa) + xa * (xv * va - vv * xa)
         offset = min(m[BB, j], m[SS, j])
         least[j] = min(xx, minor, det, offset if offset < 0.0 else 1.0)
-    mended = False
+    repaired = False
     for j in range(m.shape[1]):
         if not least[j] > 0.0:
-            mended = True
+            repaired = True
             xx, vv, aa, bb, ss = m[XX, j], m[VV, j], m[AA, j], m[BB, j], m[SS, j]
             for i in range(XX, SIZE):
                 m[i, j] = 0.0
             m[XX, j], m[VV, j], m[AA, j] = max(xx, VARIANCE_FLOOR), max(vv, VARIANCE_FLOOR), max(aa, VARIANCE_FLOOR)
             m[BB, j], m[SS, j] = max(bb, 0.0), max(ss, 0.0)
-    return mended
+    return repaired
 
 
 @njit(cache=True, error_model="numpy", inline="always")

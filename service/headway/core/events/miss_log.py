@@ -22,7 +22,7 @@ class MissLog:
         """Return the number of open misses."""
         return len(self._ids)
 
-    def begin(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
+    def start(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
         """Open the miss of a row, silent since its message of event time `t_us`, received at `last_received_us`."""
         self._ids[row] = f"{self._vehicles.id_of[row]}-{t_us}-{Kind.MISS.label}"
         self.active[row] = True

@@ -76,14 +76,14 @@ def _advance(row: Any, z: Any, east: float, north: float, p: Limits) -> None:
     t_s, v_mps, dt_s = z.t_s, z.v_mps, z.t_s - row.t_s
     accuracy_m = p.accuracy_share * min(z.accuracy_m, 10.0) if z.accuracy_m > 0.0 else 0.0
     quiet = row.observed == 0 and row.short_ms == 0.0
-    before_mps, faded, forgotten = row.v_mps, exp(-dt_s / p.fade_s), exp(-dt_s / p.memory_s)
+    before_mps, faded, retained = row.v_mps, exp(-dt_s / p.fade_s), exp(-dt_s / p.memory_s)
     row.count += 1
     row.position_score *= faded
     row.speed_score *= faded
     row.heading_score *= faded
-    row.jumps[0] *= forgotten
-    row.jumps[1] *= forgotten
-    row.contradictions = min(row.contradictions * forgotten + _CONTRADICTION_SCORE * max(z.contradictions, 0.0), 1.5)
+    row.jumps[0] *= retained
+    row.jumps[1] *= retained
+    row.contradictions = min(row.contradictions * retained + _CONTRADICTION_SCORE * max(z.contradictions, 0.0), 1.5)
     row.surplus = min(max(row.surplus + 1.0 - dt_s / p.interval_s, 0.0), 2.0 * p.burst)
     step = observe_heading(row, dt_s, east, north, v_mps, p)
     step |= observe_speed(row, dt_s, v_mps, p)

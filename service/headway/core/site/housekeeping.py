@@ -61,7 +61,7 @@ class Housekeeping:
                 self._pseudonym_changed_us[row] = received_us[row]
             else:
                 t_us = int(tracks["t_us"][row])
-                tally.events.append(site.misses.begin(row, int(leaders[i]), t_us, int(received_us[row])))
+                tally.events.append(site.misses.start(row, int(leaders[i]), t_us, int(received_us[row])))
 
     def _evict(self, rows: I64, tally: StepTally) -> None:
         """Evict these rows, and end their misses."""

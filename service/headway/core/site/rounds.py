@@ -159,5 +159,5 @@ class RoundProcessor:
             if not site.misses.active[row]:
                 if not site.reception.was_receiving(last_us, int(received_us[i])):
                     continue
-                tally.events.append(site.misses.begin(row, leader, int(t_us[i]), last_us))
+                tally.events.append(site.misses.start(row, leader, int(t_us[i]), last_us))
             tally.events.append(site.misses.end(row, leader, int(t_us[i]), int(received_us[i])))

@@ -80,10 +80,10 @@ def test_a_speed_that_drifts_is_betrayed_by_the_car_ahead_when_the_location_wand
         read = follow(np.random.default_rng(10 + seed), 1.0, x_walk_m=0.02)
         read["v_mps"][2000:2020] += np.linspace(0.0, 0.3, 20)
         for led in found:
-            told = read.copy()
+            readings = read.copy()
             if not led:
-                told["leader_t_s"] = np.nan
-            judged, _ = judge(told, delay_s=DELAY_S)
+                readings["leader_t_s"] = np.nan
+            judged, _ = judge(readings, delay_s=DELAY_S)
             found[led] += judged["anomalous"][2000:2020].any()
     assert found[True] >= 5
     assert found[False] <= 2
@@ -117,15 +117,15 @@ def test_the_likeness_learns_what_least_squares_would() -> None:
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
     everlasting = P._replace(forgetting_factor=1.0)
     initialise_driver(driver, everlasting)
-    felt, nu, known = [], [], 0.0
+    sensitivity, nu, known = [], [], 0.0
     for _ in range(200):
         driver["accel_sensitivity"] += rng.normal(0.0, 0.1)
-        felt.append(float(driver["speed_sensitivity"] + 0.1 * driver["accel_sensitivity"]))
-        nu.append((0.7 - known) * felt[-1] + rng.normal(0.0, 0.05))
+        sensitivity.append(float(driver["speed_sensitivity"] + 0.1 * driver["accel_sensitivity"]))
+        nu.append((0.7 - known) * sensitivity[-1] + rng.normal(0.0, 0.05))
         adapt_response_gain(driver, 0.1, nu[-1], 0.05**2, 0.0, 0.0, everlasting)
-        nu[-1] += known * felt[-1]
+        nu[-1] += known * sensitivity[-1]
         known = float(driver["response_gain"])
-    f, y = np.array(felt), np.array(nu)
+    f, y = np.array(sensitivity), np.array(nu)
     assert known == pytest.approx(f @ y / (f @ f + P.prior_information * 0.05**2), rel=0.02)
 
 

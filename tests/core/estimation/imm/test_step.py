@@ -10,7 +10,7 @@ from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Kind, Sensor
 
 SENSORS = {"x_m": Sensor.LOCATION, "v_mps": Sensor.SPEED}
-LIE = slice(600, 618)
+FAULT = slice(600, 618)
 SETTLED = 200
 """Readings after which noise and driver are known, and chance alarms are one an hour."""
 RECOVERED = {Kind.NOISE: 0.2, Kind.BIAS: 0.1, Kind.DRIFT: 0.5}
@@ -27,15 +27,15 @@ def test_sensor_and_kind_are_named_and_the_truth_is_recovered(column: str, kind:
         Kind.BIAS: np.full(18, 0.9),
         Kind.DRIFT: np.linspace(0.0, 0.9, 18),
     }
-    read[column][LIE] += offsets[kind]
+    read[column][FAULT] += offsets[kind]
     judged, _ = judge(read)
-    last = judged[LIE][-1]
+    last = judged[FAULT][-1]
     assert last["anomalous"]
     assert last["sensor"] == SENSORS[column]
     assert last["kind"] == kind
     assert last["confidence"] > 0.6
     for name, truth in (("x_m", x), ("v_mps", v)):
-        wrong = judged[name][LIE] - truth[LIE]
+        wrong = judged[name][FAULT] - truth[FAULT]
         assert np.sqrt(np.mean(wrong**2)) < RECOVERED[kind] * np.sqrt(np.mean(offsets[kind] ** 2))
     assert not judged["anomalous"][SETTLED:600].any()
     assert not judged["anomalous"][622:].any()
@@ -53,7 +53,7 @@ def test_one_bad_reading_is_short_and_its_confidence_modest() -> None:
 def test_both_sensors_lying_at_once_is_said() -> None:
     rng = np.random.default_rng(2)
     read, _, _ = drive(rng)
-    read["x_m"][LIE] += 1.5
+    read["x_m"][FAULT] += 1.5
     read["v_mps"][605:618] += rng.normal(0.0, 2.0, 13)
     judged, _ = judge(read)
     assert (judged["sensor"][607:618] == Sensor.BOTH).mean() > 0.8

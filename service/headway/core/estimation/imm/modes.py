@@ -135,7 +135,7 @@ SECOND_BEGINS, BOTH_BEGIN, SECOND_ENDS = range(3)
 class Chances(NamedTuple):
     """Probabilities of what may happen to the sensors between two readings."""
 
-    begin: float
+    onset: float
     """f: a healthy sensor becomes faulty."""
     end: float
     """e: a faulty sensor becomes healthy."""
@@ -146,10 +146,10 @@ class Chances(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def transition_chances(begin: float, end: float) -> Chances:
+def transition_chances(onset: float, end: float) -> Chances:
     """Return the products of f = `begin` and e = `end` that the chain needs."""
     keep = 1.0 - end
-    return Chances(begin, end, keep**2, (keep * begin, begin**2, end * keep))
+    return Chances(onset, end, keep**2, (keep * onset, onset**2, end * keep))
 
 
 class Transition(NamedTuple):

@@ -178,10 +178,10 @@ def update_double_faults(imm: Any, z: Any, r: Any, p: ModeParams) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def weigh_single_faults(imm: Any, healthy_probability: float, begin: float, motion: Motion, p: ModeParams) -> None:
+def weigh_single_faults(imm: Any, healthy_probability: float, onset: float, motion: Motion, p: ModeParams) -> None:
     """Weigh the modes with at most one fault by the reading's likelihood, and moment match their onset branches."""
     predicted = imm.predicted_probability
-    onset_probability = healthy_probability * begin / ONSET_KINDS
+    onset_probability = healthy_probability * onset / ONSET_KINDS
     manoeuvre = motion.unexplained * p.manoeuvre
     manoeuvring = predicted[HEALTHY] * manoeuvre
     predicted[HEALTHY] *= 1.0 - manoeuvre
@@ -255,13 +255,13 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
         Workspace (IMM_WORKSPACE), which also holds the results `ended_probability`, `nu`, `S` and `nis`.
     """
     mu, predicted, single = row.mode_probability, imm.predicted_probability, imm.single.m
-    begin = min(FAULT_PROBABILITY_MAX, p.faults_per_s * dt_s)
-    chances = transition_chances(begin, 1.0 - exp(-dt_s / p.fault_s))
+    onset = min(FAULT_PROBABILITY_MAX, p.faults_per_s * dt_s)
+    chances = transition_chances(onset, 1.0 - exp(-dt_s / p.fault_s))
     doubles_pruned = mu[HEALTHY] > PRUNE_DOUBLES_ABOVE
     load(row, imm, doubles_pruned)
-    predicted[HEALTHY] = mu[HEALTHY] * (1.0 - 2.0 * begin)  # begin^2 is mixed apart
+    predicted[HEALTHY] = mu[HEALTHY] * (1.0 - 2.0 * onset)  # begin^2 is mixed apart
     for j in range(1, SINGLE_FAULT_MODES):
-        predicted[j] = mu[j] * (1.0 - chances.end) * (1.0 - begin)
+        predicted[j] = mu[j] * (1.0 - chances.end) * (1.0 - onset)
     predicted[SINGLE_FAULT_MODES:] = 0.0
     if not doubles_pruned:
         save_prior(imm, MODE_COUNT)
@@ -279,7 +279,7 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     for j in SINGLE_OFFSETS:
         single[BB, j] += p.offset_noise**2
     update_single_faults(imm, z, r, p)
-    weigh_single_faults(imm, mu[HEALTHY], begin, motion, p)
+    weigh_single_faults(imm, mu[HEALTHY], onset, motion, p)
     imm.ended_probability[:] = 0.0
     if not recovery_pruned:
         branch_to_healthy(row, chances.end, SINGLE_FAULT_MODES if doubles_pruned else MODE_COUNT, z, r, imm)
