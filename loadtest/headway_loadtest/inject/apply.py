@@ -1,4 +1,4 @@
-"""Drives made to lie: an injection carried from the arrays of one dimension to the readings on the wire."""
+"""Injection into drives: from offsets along the road to the readings on the wire."""
 
 import zlib
 from dataclasses import dataclass, replace
@@ -17,7 +17,7 @@ SILENCE_S = 0.7
 
 @dataclass(frozen=True, slots=True)
 class Label:
-    """The truth about one event: whose readings, which, what kind, and when (event time, inclusive).
+    """The truth about one event: vehicle, sensor, kind and time (event time, inclusive).
 
     A miss runs from the last reading before it to the first one after.
     """
@@ -30,10 +30,10 @@ class Label:
 
 
 def corrupt(drive: Drive, seed: int, spec: Spec | None) -> tuple[Drive, tuple[Label, ...]]:
-    """Return the drive as its sender tells it, and the labels; readings that are never sent are left out of it.
+    """Return the drive with injected faults, and its labels; readings that are never sent are left out.
 
-    Chance depends on the seed and the vehicle's name alone, so a vehicle lies alike in whatever company. A silence of
-    the recording itself is labelled as what it is, a miss.
+    Chance depends only on the seed and the vehicle's name, so a vehicle has the same faults in any company. A silence
+    of the recording itself is labelled as a miss.
     """
     rng = np.random.default_rng((seed, zlib.crc32(drive.vehicle.encode())))
     if spec is None or rng.random() >= spec.share:
@@ -46,20 +46,20 @@ def corrupt(drive: Drive, seed: int, spec: Spec | None) -> tuple[Drive, tuple[La
         (tuple(kind for kind in spec.kinds if not kind.is_consistent), inject),
     ):
         if kinds:
-            told = injector(rng, x_m, v_mps, replace(spec, kinds=kinds))
-            x_m, v_mps, present = told.x_m, told.v_mps, told.present
-            events.extend(told.events)
+            corrupted = injector(rng, x_m, v_mps, replace(spec, kinds=kinds))
+            x_m, v_mps, present = corrupted.x_m, corrupted.v_mps, corrupted.present
+            events.extend(corrupted.events)
     labels = [label for event in events if (label := _label(drive, event)) is not None]
     return _without(_moved(drive, x_m, v_mps), present), (*labels, *_silences(drive))
 
 
-def sendable_speed(true_mps: F64, told_mps: F64) -> F64:
-    """Speeds that a message can carry: a lie that would fall below 0 is told upwards, by as much."""
-    return np.minimum(np.where(told_mps < 0.0, 2 * true_mps - told_mps, told_mps), SPEED_MAX_MPS)
+def sendable_speed(true_mps: F64, reported_mps: F64) -> F64:
+    """Return speeds that a message can carry: an offset to below 0 changes its sign."""
+    return np.minimum(np.where(reported_mps < 0.0, 2 * true_mps - reported_mps, reported_mps), SPEED_MAX_MPS)
 
 
 def _moved(drive: Drive, x_m: F64, v_mps: F64) -> Drive:
-    """Put the drive elsewhere, at other speeds; a false place lies on the road that the vehicle drives."""
+    """Return the drive at other places along its own road, and at other speeds."""
     road = Road.driven(drive.x_m, drive.lat, drive.lon, drive.heading_deg)
     false, true = road.at(x_m), road.at(drive.x_m)
     lat, lon, heading_deg = (
@@ -92,7 +92,7 @@ def _without(drive: Drive, present: NDArray[np.bool_]) -> Drive:
 
 
 def _label(drive: Drive, event: Injected) -> Label | None:
-    """Label an event; None for a silence at either end of the drive: nobody can tell it from not being there."""
+    """Return the label of an event; None for a silence at either end, which is no different from absence."""
     t_us = np.round(drive.t_s * 1e6).astype(np.int64)
     first, last = event.start, event.stop - 1
     if event.kind is Kind.MISS:

@@ -1,13 +1,13 @@
-"""Lies that agree with themselves: speed falsified smoothly, location its integral. Only the car in front exposes them.
+"""Consistent falsification: a smooth offset of the speed and its integral as position; only other cars expose it.
 
-With v the true speed and s(t) the smooth step 3 t^2 - 2 t^3 from 0 to 1, a lie adds to the reported speed
+With v the true speed and s(t) the smooth step 3 t^2 - 2 t^3 from 0 to 1, the reported speed is off by
 
     feigned-brake   -A / 2 (1 - cos(2 pi t / T)): a dip of A = 3 m/s that lasts T = 4 s
     drag            +-0.7 m/s for 10 s, eased in and out over 1 s
-    replay          v(t - lag) - v(t) for 15 s, eased in and out over 3 s: what was driven 10 to 60 s ago, once more
-    freeze          v(0) - v(t) for 10 s, eased out over 3 s: the sender carries its last speed on
+    replay          v(t - lag) - v(t) for 15 s, eased in and out over 3 s: the drive of 10 to 60 s ago, repeated
+    freeze          v(0) - v(t) for 10 s, eased out over 3 s: the sender keeps its last speed
 
-No lie reports a negative speed. The location then stays where the lie has put it: to take it back would be another.
+No reported speed is negative. After the event the position keeps its offset, because a return would be another event.
 """
 
 from collections.abc import Callable, Mapping
@@ -21,7 +21,7 @@ SAMPLE_S = 0.1
 DURATION_S: Mapping[Kind, float] = MappingProxyType(
     {Kind.FEIGNED_BRAKE: 4.0, Kind.DRAG: 10.0, Kind.REPLAY: 15.0, Kind.FREEZE: 10.0}
 )
-"""Until a lie begins to be eased out."""
+"""Until an offset begins to be eased out."""
 EASE_S: Mapping[Kind, float] = MappingProxyType(
     {Kind.FEIGNED_BRAKE: 0.0, Kind.DRAG: 1.0, Kind.REPLAY: 3.0, Kind.FREEZE: 3.0}
 )
@@ -33,7 +33,7 @@ REPLAY_LAG_S = (10.0, 60.0)
 
 
 def inject_consistent(rng: np.random.Generator, x_m: F64, v_mps: F64, spec: Spec) -> Corrupted:
-    """Corrupt a drive's readings at 10 Hz by consistent lies; the arguments are left as they are.
+    """Corrupt a drive's readings at 10 Hz by consistent offsets; the arguments are not changed.
 
     Parameters
     ----------
@@ -42,16 +42,16 @@ def inject_consistent(rng: np.random.Generator, x_m: F64, v_mps: F64, spec: Spec
     x_m, v_mps
         (n,) location along the road and speed, sample by sample.
     spec
-        `p` and `kinds` are of account; a lie's size and duration belong to its kind.
+        Only `p` and `kinds` are used; size and duration belong to the kind.
 
     Raises
     ------
     SpecError
         When `spec` asks for a kind that is not consistent.
     """
-    strangers = [kind.label for kind in spec.kinds if not kind.is_consistent]
-    if strangers:
-        raise SpecError(f"{', '.join(strangers)} falsifies one sensor, not location and speed together")
+    unsupported = [kind.label for kind in spec.kinds if not kind.is_consistent]
+    if unsupported:
+        raise SpecError(f"{', '.join(unsupported)} falsifies one sensor, not location and speed together")
     n = len(v_mps)
     offset_mps, codes = np.zeros(n), np.zeros(n, np.uint8)
     events: list[Injected] = []
@@ -74,19 +74,19 @@ def inject_consistent(rng: np.random.Generator, x_m: F64, v_mps: F64, spec: Spec
 
 
 def samples(kind: Kind) -> int:
-    """Return how many samples a lie of this kind changes, its way out included."""
+    """Return how many samples an event of this kind changes, its easing out included."""
     return round((DURATION_S[kind] + EASE_S[kind]) / SAMPLE_S)
 
 
 def speed_offset(rng: np.random.Generator, kind: Kind, v_mps: F64, start: int) -> F64:
-    """Return what a lie of `kind` that begins at sample `start` adds to the speed: at most samples(kind) samples."""
+    """Return the speed offset of an event of `kind` from sample `start` on: at most samples(kind) samples."""
     length = min(samples(kind), len(v_mps) - start)
     t_s: F64 = SAMPLE_S * np.arange(length, dtype=np.float64)
     offset = OFFSETS[kind](rng, t_s, v_mps, start)
     if EASE_S[kind]:
         offset *= smooth_step((DURATION_S[kind] + EASE_S[kind] - t_s) / EASE_S[kind])
-    told: F64 = np.maximum(offset, -v_mps[start : start + length])
-    return told
+    limited: F64 = np.maximum(offset, -v_mps[start : start + length])
+    return limited
 
 
 def displacement(offset_mps: F64) -> F64:

@@ -4,7 +4,7 @@ At each sample, on each sensor separately, an event starts with probability p if
 uniform over the kinds asked for, its duration uniform over a range of samples. With c the severity (a variance, so in
 m^2 for the location and (m/s)^2 for the speed) an event adds to the sensor's readings
 
-    noise   N(0, c), drawn anew for each sample
+    noise   N(0, c), drawn again for each sample
     bias    one N(0, c) for the whole event
     drift   +- a ramp from 0 to U(0, 1) c (a ramp of one sample is its end, so that every event changes a reading)
     short   N(0, c) in one sample, whatever the range of durations
@@ -28,11 +28,11 @@ MISS_SAMPLES_MIN = 7
 
 
 class SpecError(ValueError):
-    """An injection that cannot be: one line that says what is wrong and what to write instead."""
+    """An injection that is not possible: one line with the problem and what to write instead."""
 
 
 class Sensor(StrEnum):
-    """Which of the sender's readings an event corrupts; `both` for liars who keep them consistent."""
+    """Which of the sender's readings an event corrupts; `both` for kinds that keep them consistent."""
 
     LOCATION = "location"
     SPEED = "speed"
@@ -122,7 +122,7 @@ class Corrupted:
 
     @property
     def anomalous(self) -> NDArray[np.bool_]:
-        """(n,) whether either sensor lies in this sample, or is silent."""
+        """(n,) whether either sensor is faulty in this sample, or silent."""
         return np.logical_or(self.x_kind, self.v_kind)
 
 
@@ -143,9 +143,9 @@ def inject(rng: np.random.Generator, x_m: F64, v_mps: F64, spec: Spec) -> Corrup
     SpecError
         When `spec` asks for a consistent kind.
     """
-    strangers = [kind.label for kind in spec.kinds if kind.is_consistent]
-    if strangers:
-        raise SpecError(f"{', '.join(strangers)} falsifies location and speed together, not sensor by sensor")
+    unsupported = [kind.label for kind in spec.kinds if kind.is_consistent]
+    if unsupported:
+        raise SpecError(f"{', '.join(unsupported)} falsifies location and speed together, not sensor by sensor")
     n = len(x_m)
     readings = {Sensor.LOCATION: x_m.copy(), Sensor.SPEED: v_mps.copy()}
     codes = {Sensor.LOCATION: np.zeros(n, np.uint8), Sensor.SPEED: np.zeros(n, np.uint8)}

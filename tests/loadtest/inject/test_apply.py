@@ -25,78 +25,78 @@ def drive(vehicle="a", n=N, t_s=None):
     )
 
 
-def told(*kinds, seed=1, truth=None, **spec):
+def inject_kinds(*kinds, seed=1, truth=None, **spec):
     return corrupt(truth or drive(), seed, Spec(kinds=kinds, p=0.01, **spec))
 
 
-def moved_m(truth, lie):
-    east_m = (lie.lon - truth.lon) * METRES_PER_DEGREE * np.cos(np.radians(42.3))
-    return np.hypot((lie.lat - truth.lat) * METRES_PER_DEGREE, east_m)
+def moved_m(truth, sent):
+    east_m = (sent.lon - truth.lon) * METRES_PER_DEGREE * np.cos(np.radians(42.3))
+    return np.hypot((sent.lat - truth.lat) * METRES_PER_DEGREE, east_m)
 
 
 def test_a_false_location_is_a_place_along_the_road():
     truth = drive()
-    lie, labels = told(Kind.BIAS, c=25.0)
+    sent, labels = inject_kinds(Kind.BIAS, c=25.0)
     assert {label.sensor for label in labels} == {Sensor.LOCATION, Sensor.SPEED}
-    assert np.allclose(moved_m(truth, lie), np.abs(lie.x_m - truth.x_m), atol=0.1)
-    assert moved_m(truth, lie).max() > 3.0
+    assert np.allclose(moved_m(truth, sent), np.abs(sent.x_m - truth.x_m), atol=0.1)
+    assert moved_m(truth, sent).max() > 3.0
 
 
 def test_labels_are_the_samples_that_changed():
     truth = drive()
-    lie, labels = told(Kind.NOISE, c=4.0)
+    sent, labels = inject_kinds(Kind.NOISE, c=4.0)
     false = np.zeros(N, bool)
     for label in labels:
         if label.sensor is Sensor.SPEED:
             false |= (truth.t_s * 1e6 >= label.start_us - 1) & (truth.t_s * 1e6 <= label.stop_us + 1)
-    assert np.array_equal(false, lie.speed_mps != truth.speed_mps)
+    assert np.array_equal(false, sent.speed_mps != truth.speed_mps)
     assert false.any()
 
 
 def test_a_miss_is_not_sent_and_runs_from_reading_to_reading():
-    lie, labels = told(Kind.MISS)
-    assert len(lie.t_s) < N
+    sent, labels = inject_kinds(Kind.MISS)
+    assert len(sent.t_s) < N
     assert labels
-    sent_us = set(np.round(lie.t_s * 1e6).astype(int).tolist())
+    sent_us = set(np.round(sent.t_s * 1e6).astype(int).tolist())
     for label in labels:
         assert {label.start_us, label.stop_us} <= sent_us
         assert not sent_us & set(range(label.start_us + 1, label.stop_us))
-    assert lie.ahead is not None
-    assert len(lie.ahead.which) == len(lie.lat) == len(lie.t_s)
+    assert sent.ahead is not None
+    assert len(sent.ahead.which) == len(sent.lat) == len(sent.t_s)
 
 
 def test_a_silence_at_either_end_has_no_label():
     for seed in range(200):
-        lie, labels = told(Kind.MISS, seed=seed, truth=drive(n=12), samples=(7, 20))
-        if 0 < len(lie.t_s) < 12:
-            assert len(labels) == (lie.t_s[0] == 0.0 and lie.t_s[-1] == 1.1)
+        sent, labels = inject_kinds(Kind.MISS, seed=seed, truth=drive(n=12), samples=(7, 20))
+        if 0 < len(sent.t_s) < 12:
+            assert len(labels) == (sent.t_s[0] == 0.0 and sent.t_s[-1] == 1.1)
 
 
 def test_consistent_and_single_lies_go_together():
-    _, labels = told(Kind.DRAG, Kind.SHORT)
+    _, labels = inject_kinds(Kind.DRAG, Kind.SHORT)
     assert {label.kind for label in labels} == {Kind.DRAG, Kind.SHORT}
     assert {label.sensor for label in labels if label.kind is Kind.DRAG} == {Sensor.BOTH}
 
 
 def test_a_vehicle_lies_alike_in_any_company_and_by_its_seed():
-    assert told(Kind.NOISE)[1] == told(Kind.NOISE)[1]
-    assert told(Kind.NOISE)[1] != told(Kind.NOISE, seed=2)[1]
-    assert told(Kind.NOISE)[1] != told(Kind.NOISE, truth=drive("b"))[1]
+    assert inject_kinds(Kind.NOISE)[1] == inject_kinds(Kind.NOISE)[1]
+    assert inject_kinds(Kind.NOISE)[1] != inject_kinds(Kind.NOISE, seed=2)[1]
+    assert inject_kinds(Kind.NOISE)[1] != inject_kinds(Kind.NOISE, truth=drive("b"))[1]
 
 
 def test_share_is_the_part_of_vehicles_that_lie():
-    liars = sum(bool(told(Kind.NOISE, share=0.3, truth=drive(f"v{i}", n=300))[1]) for i in range(300))
-    assert liars == pytest.approx(300 * 0.3 * (1 - 0.99**600), rel=0.25)
+    misbehaving = sum(bool(inject_kinds(Kind.NOISE, share=0.3, truth=drive(f"v{i}", n=300))[1]) for i in range(300))
+    assert misbehaving == pytest.approx(300 * 0.3 * (1 - 0.99**600), rel=0.25)
 
 
 def test_without_an_injection_the_silences_of_the_recording_remain():
     t_s = np.arange(N) / 10 + np.where(np.arange(N) >= 600, 2.0, 0.0)
     truth = drive(t_s=t_s)
-    lie, (label,) = corrupt(truth, 1, None)
-    assert lie is truth
+    sent, (label,) = corrupt(truth, 1, None)
+    assert sent is truth
     assert (label.kind, label.start_us, label.stop_us) == (Kind.MISS, 59_900_000, 62_000_000)
 
 
 def test_a_speed_below_zero_is_told_upwards_by_as_much():
-    true, lie = np.array([0.0, 1.0, 5.0, 100.0]), np.array([-2.0, -0.5, 4.0, 200.0])
-    assert np.allclose(sendable_speed(true, lie), [2.0, 2.5, 4.0, 163.8])
+    true, sent = np.array([0.0, 1.0, 5.0, 100.0]), np.array([-2.0, -0.5, 4.0, 200.0])
+    assert np.allclose(sendable_speed(true, sent), [2.0, 2.5, 4.0, 163.8])

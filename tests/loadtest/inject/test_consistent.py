@@ -17,34 +17,36 @@ V_MPS = 15.0 + 3.0 * np.sin(0.2 * T_S) + np.sin(0.07 * T_S)
 X_M = np.concatenate([[0.0], np.cumsum(0.5 * SAMPLE_S * (V_MPS[1:] + V_MPS[:-1]))])
 
 
-def lie(kind: Kind, seed: int = 0, p: float = 0.003):
+def injected(kind: Kind, seed: int = 0, p: float = 0.003):
     return inject_consistent(np.random.default_rng(seed), X_M, V_MPS, Spec(p=p, kinds=(kind,)))
 
 
 @pytest.mark.parametrize("kind", CONSISTENT)
 def test_location_is_the_integral_of_speed(kind: Kind) -> None:
-    told = lie(kind)
-    assert told.events
-    assert np.diff(told.x_m) == pytest.approx(0.5 * SAMPLE_S * (told.v_mps[1:] + told.v_mps[:-1]), abs=1e-9)
+    corrupted = injected(kind)
+    assert corrupted.events
+    assert np.diff(corrupted.x_m) == pytest.approx(
+        0.5 * SAMPLE_S * (corrupted.v_mps[1:] + corrupted.v_mps[:-1]), abs=1e-9
+    )
 
 
 @pytest.mark.parametrize("kind", CONSISTENT)
 def test_motion_stays_smooth(kind: Kind) -> None:
     """No acceleration leaves what a car can do, and none jumps."""
-    a_mps2 = np.diff(lie(kind).v_mps) / SAMPLE_S
+    a_mps2 = np.diff(injected(kind).v_mps) / SAMPLE_S
     assert np.abs(a_mps2).max() < 9.0
     assert np.abs(np.diff(a_mps2)).max() < 1.0
 
 
 @pytest.mark.parametrize("kind", CONSISTENT)
 def test_labels_are_where_the_speed_is_false(kind: Kind) -> None:
-    told = lie(kind)
-    false = np.abs(told.v_mps - V_MPS) > 1e-12
-    assert not false[told.v_kind == Kind.NONE].any()
-    assert (told.x_kind == told.v_kind).all()
-    assert set(np.unique(told.v_kind)) == {Kind.NONE, kind}
-    assert all(event.sensor is Sensor.BOTH and event.kind is kind for event in told.events)
-    assert all(false[event.start : event.start + 15].any() for event in told.events)
+    corrupted = injected(kind)
+    false = np.abs(corrupted.v_mps - V_MPS) > 1e-12
+    assert not false[corrupted.v_kind == Kind.NONE].any()
+    assert (corrupted.x_kind == corrupted.v_kind).all()
+    assert set(np.unique(corrupted.v_kind)) == {Kind.NONE, kind}
+    assert all(event.sensor is Sensor.BOTH and event.kind is kind for event in corrupted.events)
+    assert all(false[event.start : event.start + 15].any() for event in corrupted.events)
 
 
 def test_feigned_brake_dips_by_three_metres_a_second_over_four_seconds() -> None:
@@ -65,13 +67,13 @@ def test_drag_pulls_the_location_by_seven_metres_to_either_side() -> None:
 def test_replay_tells_what_was_driven_before() -> None:
     seed = 3
     lag = round(np.random.default_rng(seed).uniform(10.0, 60.0) / SAMPLE_S)
-    told = V_MPS[1000:1180] + speed_offset(np.random.default_rng(seed), Kind.REPLAY, V_MPS, 1000)
-    assert told[30:150] == pytest.approx(V_MPS[1030 - lag : 1150 - lag])
+    corrupted = V_MPS[1000:1180] + speed_offset(np.random.default_rng(seed), Kind.REPLAY, V_MPS, 1000)
+    assert corrupted[30:150] == pytest.approx(V_MPS[1030 - lag : 1150 - lag])
 
 
 def test_freeze_keeps_the_last_speed() -> None:
-    told = V_MPS[500:630] + speed_offset(np.random.default_rng(0), Kind.FREEZE, V_MPS, 500)
-    assert told[:100] == pytest.approx(V_MPS[500])
+    corrupted = V_MPS[500:630] + speed_offset(np.random.default_rng(0), Kind.FREEZE, V_MPS, 500)
+    assert corrupted[:100] == pytest.approx(V_MPS[500])
 
 
 def test_no_lie_tells_a_negative_speed() -> None:

@@ -8,12 +8,12 @@ from headway_loadtest.inject.faults import MISS_SAMPLES_MIN, Kind, Sensor, Spec,
 N = 200_000
 
 
-def told(seed=1, n=N, **spec):
+def injected(seed=1, n=N, **spec):
     return inject(np.random.default_rng(seed), np.zeros(n), np.zeros(n), Spec(**spec))
 
 
 def only(kind, **spec):
-    return told(kinds=(kind,), **spec)
+    return injected(kinds=(kind,), **spec)
 
 
 def lengths(corrupted):
@@ -21,21 +21,21 @@ def lengths(corrupted):
 
 
 def test_algorithm_1_makes_a_twentieth_of_each_sensor_anomalous():
-    corrupted = told()
+    corrupted = injected()
     expected = 0.005 * 10.5 / (1 + 0.005 * 9.5)  # mean duration over mean cycle; the first wait may be 0
     for codes in (corrupted.x_kind, corrupted.v_kind):
         assert np.mean(codes != Kind.NONE) == pytest.approx(expected, rel=0.08)
 
 
 def test_sensors_are_hit_independently():
-    corrupted = told()
+    corrupted = injected()
     x, v = corrupted.x_kind != Kind.NONE, corrupted.v_kind != Kind.NONE
     assert np.mean(x & v) == pytest.approx(x.mean() * v.mean(), rel=0.3)
     assert np.array_equal(corrupted.anomalous, x | v)
 
 
 def test_kinds_and_durations_are_uniform():
-    corrupted = told()
+    corrupted = injected()
     kinds = np.array([event.kind for event in corrupted.events])
     for kind in (Kind.NOISE, Kind.BIAS, Kind.DRIFT):
         assert np.mean(kinds == kind) == pytest.approx(1 / 3, abs=0.04)
@@ -74,20 +74,20 @@ def test_drift_is_a_ramp_of_either_sign_to_at_most_c():
 
 
 def test_every_event_changes_a_reading():
-    corrupted = told(p=0.05, samples=(1, 3))
+    corrupted = injected(p=0.05, samples=(1, 3))
     for event in corrupted.events:
         reading = corrupted.x_m if event.sensor is Sensor.LOCATION else corrupted.v_mps
         assert np.any(reading[event.start : event.stop] != 0.0)
 
 
 def test_readings_outside_events_are_untouched():
-    corrupted = told()
+    corrupted = injected()
     assert np.all(corrupted.x_m[corrupted.x_kind == Kind.NONE] == 0.0)
     assert np.all(corrupted.v_mps[corrupted.v_kind == Kind.NONE] == 0.0)
 
 
 def test_events_of_a_sensor_never_overlap():
-    corrupted = told(p=0.5)
+    corrupted = injected(p=0.5)
     for sensor in (Sensor.LOCATION, Sensor.SPEED):
         events = [event for event in corrupted.events if event.sensor is sensor]
         assert all(a.stop <= b.start for a, b in pairwise(events))
@@ -107,7 +107,7 @@ def test_miss_silences_both_sensors_longer_than_congestion_control_does():
 
 
 def test_an_event_nobody_can_hear_has_no_label():
-    corrupted = told(p=0.2, kinds=(Kind.SHORT, Kind.MISS))
+    corrupted = injected(p=0.2, kinds=(Kind.SHORT, Kind.MISS))
     for event in corrupted.events:
         if event.kind is Kind.SHORT:
             assert corrupted.present[event.start]
@@ -124,12 +124,12 @@ def test_same_seed_same_events_and_the_arguments_stay():
 
 
 def test_an_event_at_the_end_is_cut():
-    corrupted = told(n=50, p=0.5)
+    corrupted = injected(n=50, p=0.5)
     assert max(event.stop for event in corrupted.events) <= 50
 
 
 def test_p_of_zero_injects_nothing():
-    assert told(p=0.0).events == ()
+    assert injected(p=0.0).events == ()
 
 
 def test_consistent_kinds_are_refused():

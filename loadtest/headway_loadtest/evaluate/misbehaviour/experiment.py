@@ -1,8 +1,7 @@
-"""Consistent liars, measured: who is found, how often clean drivers are accused, and whether the right car is named.
+"""Consistent misbehaviour, measured: recall, false alarms on clean drives, and whether the right car is the suspect.
 
-Each lie is told on a branch: the state of the link tests is copied at a moment of the clean drive, the lie runs on the
-copy, and the clean drive goes on. So lies do not see each other and the tests have learnt from clean readings, as in a
-service that has not been lied to before.
+Each event runs on a branch: the state of the pair tests is copied at a moment of the clean drive, the event runs on the
+copy, and the clean drive goes on. So events do not affect each other, and the tests have learnt from clean readings.
 """
 
 from collections import defaultdict
@@ -33,42 +32,45 @@ RANGE_NOISE_M, RANGE_RATE_NOISE_MPS = 0.2, 0.15
 RANGE_OFFSET_M = 1.5
 """Reference points of location and sensor differ by up to this, unknown to the test."""
 AFTER_S = 1.0
-"""An alarm up to this long after a lie is due to it."""
+"""An alarm up to this long after an event belongs to it."""
 EVERY_S = 6.0
+"""Distance of the branches."""
 FALSE_WINDOWS = 0.02
-LEAST_LIE_MPS = {Kind.FEIGNED_BRAKE: 2.9, Kind.DRAG: 0.6, Kind.REPLAY: 1.0, Kind.FREEZE: 1.0}
-"""A lie that never moves the speed so far (a frozen speed at steady driving) says nearly the truth: not counted."""
+"""Share of clean windows above the gate of `recall_at_2pct_windows`."""
+OFFSET_MIN_MPS = {Kind.FEIGNED_BRAKE: 2.9, Kind.DRAG: 0.6, Kind.REPLAY: 1.0, Kind.FREEZE: 1.0}
+"""An event that never moves the speed so far, as a frozen speed at steady driving, is nearly true and not counted."""
 ONE_ALARM_S = 5.0
+"""Alarms closer than this are one."""
 SYNTHETIC_PLATOONS, SYNTHETIC_S = 4, 300.0
 
 
 @dataclass(slots=True)
 class Findings:
-    """What drives of one group have shown for one kind of lie: an entry per clean window, per lie, or per lie found."""
+    """Results of one group for one kind: an entry per clean window, per event, or per event found."""
 
     clean: list[float] = field(default_factory=list)
-    lied: list[float] = field(default_factory=list)
+    misbehaving: list[float] = field(default_factory=list)
     alarmed: list[bool] = field(default_factory=list)
     named: list[bool] = field(default_factory=list)
-    """Whether the statement of the highest odds names the liar."""
+    """Whether the attribution of the highest odds is the misbehaving sender."""
     named_at_onset: list[bool] = field(default_factory=list)
-    """Whether the first statement does."""
+    """The same for the first attribution."""
     confidence: list[float] = field(default_factory=list)
-    """Of the statement of the highest odds."""
+    """Of the attribution of the highest odds."""
     confidence_at_onset: list[float] = field(default_factory=list)
     delay_s: list[float] = field(default_factory=list)
 
 
 @njit(cache=True, error_model="numpy")
-def drive(links: Any, readings: Any, leaders: Any, p: PairTestParams, verdicts: Any) -> None:
-    """Take readings (n, m) through the link tests, moment by moment, the car ahead first."""
+def drive(pair_tests: Any, readings: Any, leaders: Any, p: PairTestParams, verdicts: Any) -> None:
+    """Take readings (n, m) through the pair tests, moment by moment, the first car of the platoon first."""
     rows = np.arange(leaders.size)
     for k in range(readings.shape[0]):
-        step_pair_tests(links, rows, leaders, readings[k], p, verdicts[k])
+        step_pair_tests(pair_tests, rows, leaders, readings[k], p, verdicts[k])
 
 
 def readings_of(rng: np.random.Generator, truth: Platoon, with_range: bool) -> Any:
-    """Return READING (n, m) of honest senders: noisy locations and speeds, and forward sensors if asked for."""
+    """Return READING (n, m) of correct senders: noisy positions and speeds, and forward sensors if asked for."""
     n, cars = truth.x_m.shape
     made = np.full((n, cars), np.nan, [(name, "f8") for name in READING.names or ()]).astype(READING)
     made["t_s"] = truth.t_s[:, None]
@@ -82,11 +84,11 @@ def readings_of(rng: np.random.Generator, truth: Platoon, with_range: bool) -> A
         made["range_m"][:, 1:] = gap_m + offset_m + rng.normal(0.0, RANGE_NOISE_M, gap_m.shape)
         rate_mps = truth.v_mps[:, :-1] - truth.v_mps[:, 1:]
         made["range_rate_mps"][:, 1:] = rate_mps + rng.normal(0.0, RANGE_RATE_NOISE_MPS, gap_m.shape)
-    return hear(made)
+    return fill_leaders(made)
 
 
-def hear(readings: Any) -> Any:
-    """Put what each car said of itself before the car behind it, in place."""
+def fill_leaders(readings: Any) -> Any:
+    """Copy each car's own position and speed to the car behind it as its leader's, in place."""
     readings["leader_x_m"][:, 1:] = readings["x_m"][:, :-1]
     readings["leader_v_mps"][:, 1:] = readings["v_mps"][:, :-1]
     return readings
@@ -105,46 +107,48 @@ def onsets(alarmed: Any) -> int:
     return int(at.size > 0) + int((np.diff(at) > ONE_ALARM_S / SAMPLE_S).sum())
 
 
-def tell(rng: np.random.Generator, truth: Platoon, honest: Any, start: int, liar: int, kind: Kind) -> Any | None:
-    """Return the readings from `start` on until the lie is over and judged, or None where it would say the truth."""
+def falsify(
+    rng: np.random.Generator, truth: Platoon, true_readings: Any, start: int, sender: int, kind: Kind
+) -> Any | None:
+    """Return the readings from `start` on while the event and its alarms last; None if it is nearly true."""
     length = samples(kind)
     offset_mps = np.zeros(length + round(AFTER_S / SAMPLE_S))
-    offset_mps[:length] = speed_offset(rng, kind, truth.v_mps[:, liar], start)
-    if np.abs(offset_mps).max() < LEAST_LIE_MPS[kind]:
+    offset_mps[:length] = speed_offset(rng, kind, truth.v_mps[:, sender], start)
+    if np.abs(offset_mps).max() < OFFSET_MIN_MPS[kind]:
         return None
-    told = honest[start : start + offset_mps.size].copy()
-    told["v_mps"][:, liar] += offset_mps
-    told["x_m"][:, liar] += displacement(offset_mps)
-    return hear(told)
+    falsified = true_readings[start : start + offset_mps.size].copy()
+    falsified["v_mps"][:, sender] += offset_mps
+    falsified["x_m"][:, sender] += displacement(offset_mps)
+    return fill_leaders(falsified)
 
 
-def examine(
+def run_platoon(
     rng: np.random.Generator,
     truth: Platoon,
-    liars: Sequence[int],
+    senders: Sequence[int],
     with_range: bool,
     p: PairTestParams,
     findings: dict[Kind, Findings],
 ) -> tuple[int, float]:
-    """Drive once clean with lies on branches; add to `findings`, and return false alarms and clean pair-hours."""
+    """Drive once clean with events on branches; add to `findings`, and return false alarms and clean pair-hours."""
     n, cars = truth.x_m.shape
-    honest = readings_of(rng, truth, with_range)
+    true_readings = readings_of(rng, truth, with_range)
     leaders = np.arange(-1, cars - 1)
-    links, verdicts = np.zeros(cars, PAIR_TESTS), np.zeros((n, cars), PAIR_TEST_VERDICT)
+    pair_tests, verdicts = np.zeros(cars, PAIR_TESTS), np.zeros((n, cars), PAIR_TEST_VERDICT)
     every = round(EVERY_S / SAMPLE_S)
     longest = max(samples(kind) for kind in CONSISTENT) + round(AFTER_S / SAMPLE_S)
     for start in range(0, n, every):
         ready = start > 0 and not verdicts["response"]["warming"][start - 1, 1:].any()
         for kind in findings if ready and start + longest < n else ():
-            for liar in liars:
-                told = tell(rng, truth, honest, start, liar, kind)
-                if told is not None:
-                    judged = np.zeros(told.shape, PAIR_TEST_VERDICT)
-                    drive(links.copy(), told, leaders, p, judged)
-                    note(findings[kind], judged, liar)
-        drive(links, honest[start : start + every], leaders, p, verdicts[start : start + every])
-    judged_from = int(np.argmax(~verdicts["response"]["warming"][:, 1:].any(axis=1)))
-    clean = verdicts[judged_from:] if judged_from else verdicts[n:]
+            for sender in senders:
+                falsified = falsify(rng, truth, true_readings, start, sender, kind)
+                if falsified is not None:
+                    results = np.zeros(falsified.shape, PAIR_TEST_VERDICT)
+                    drive(pair_tests.copy(), falsified, leaders, p, results)
+                    add_detection(findings[kind], results, sender)
+        drive(pair_tests, true_readings[start : start + every], leaders, p, verdicts[start : start + every])
+    warm_from = int(np.argmax(~verdicts["response"]["warming"][:, 1:].any(axis=1)))
+    clean = verdicts[warm_from:] if warm_from else verdicts[n:]
     height = score(clean)
     for kind, found in findings.items():
         window = samples(kind) + round(AFTER_S / SAMPLE_S)
@@ -153,14 +157,14 @@ def examine(
     return false_alarms, len(clean) * (cars - 1) * SAMPLE_S / 3600.0
 
 
-def note(found: Findings, judged: Any, liar: int) -> None:
-    """Add what was said of one lie, verdicts (n, m)."""
-    found.lied.append(float(score(judged).max()))
-    at, followers = np.nonzero(judged["kind"] != Kind.NONE)
+def add_detection(found: Findings, results: Any, sender: int) -> None:
+    """Add the results (n, m) of one event."""
+    found.misbehaving.append(float(score(results).max()))
+    at, followers = np.nonzero(results["kind"] != Kind.NONE)
     found.alarmed.append(at.size > 0)
     if at.size:
-        log_odds = judged["follower_log_odds"][at, followers]
-        right = np.where(log_odds > 0.0, followers, followers - 1) == liar
+        log_odds = results["follower_log_odds"][at, followers]
+        right = np.where(log_odds > 0.0, followers, followers - 1) == sender
         confidence = expit(np.abs(log_odds))
         surest = np.abs(log_odds).argmax()
         found.named.append(bool(right[surest]))
@@ -170,13 +174,13 @@ def note(found: Findings, judged: Any, liar: int) -> None:
         found.delay_s.append(float(at[0]) * SAMPLE_S)
 
 
-def run_liars(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: float = 1.0) -> list[dict[str, Any]]:
-    """Measure every consistent lie on pairs (the follower lies) and on platoons of four (any car does).
+def run_misbehaviour(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: float = 1.0) -> list[dict[str, Any]]:
+    """Measure every consistent kind on pairs (the follower misbehaves) and on platoons of four (any car does).
 
-    Returns rows with `set`, `injection`, `with_range`, `cars`, `lies`, `recall_at_2pct_windows`, `recall_at_budget`,
-    `false_alarms_per_hour` (per pair, on the clean drives), `suspect_correct` and `suspect_correct_at_onset` (of the
-    lies found at the budget, by the strongest and by the first word said) beside the mean `confidence` and
-    `confidence_at_onset` that they were said with, `detection_delay_s` (median). Unknown values are None.
+    Returns rows with `set`, `injection`, `with_range`, `cars`, `lies` (events), `recall_at_2pct_windows`,
+    `recall_at_budget`, `false_alarms_per_hour` (per pair, on the clean drives), `detection_delay_s` (median). Of the
+    events found at the budget: `suspect_correct` and `suspect_correct_at_onset`, by the strongest and by the first
+    attribution, and their mean `confidence` and `confidence_at_onset`. Unknown values are None.
     """
     pairs = [read_pair(path) for path in paths]
     rng = np.random.default_rng(seed)
@@ -196,14 +200,14 @@ def run_liars(paths: Iterable[Path], runs: int, seed: int, budget_per_hour: floa
 def measure(
     group: str, truths: Sequence[Platoon], with_range: bool, runs: int, seed: int, p: PairTestParams
 ) -> Iterator[dict[str, Any]]:
-    """Yield a row per kind of lie for drives of one group."""
+    """Yield a row per kind for drives of one group."""
     findings = {kind: Findings() for kind in CONSISTENT}
     false_alarms, hours = 0, 0.0
     cars = truths[0].x_m.shape[1]
-    liars = range(cars) if cars > 2 else (1,)
+    senders = range(cars) if cars > 2 else (1,)
     for run in range(runs):
         for truth in truths:
-            more, longer = examine(np.random.default_rng([seed, run]), truth, liars, with_range, p, findings)
+            more, longer = run_platoon(np.random.default_rng([seed, run]), truth, senders, with_range, p, findings)
             false_alarms, hours = false_alarms + more, hours + longer
     for kind, found in findings.items():
         gate = float(np.quantile(found.clean, 1.0 - FALSE_WINDOWS)) if found.clean else np.inf
@@ -212,8 +216,8 @@ def measure(
             "injection": kind.label,
             "with_range": with_range,
             "cars": cars,
-            "lies": len(found.lied),
-            "recall_at_2pct_windows": mean([height > gate for height in found.lied]),
+            "lies": len(found.misbehaving),
+            "recall_at_2pct_windows": mean([height > gate for height in found.misbehaving]),
             "recall_at_budget": mean(found.alarmed),
             "false_alarms_per_hour": false_alarms / hours if hours else None,
             "suspect_correct": mean(found.named),
@@ -225,5 +229,5 @@ def measure(
 
 
 def mean(values: Sequence[float]) -> float | None:
-    """Return the mean, which of truth values is the part that is true; None of nothing."""
+    """Return the mean, or None of nothing; for truth values it is the share that is true."""
     return sum(values) / len(values) if values else None

@@ -14,7 +14,7 @@ LENGTH_M = 5.0
 LEAST_APART_M = 2.0
 """Front to front all along the drive; nearer, it is the same car."""
 MOST_APART = 1.5
-"""Mean distance between two pairs, in those within them; farther, a car that nobody recorded drives between."""
+"""Largest distance between two pairs, in mean distances within them; beyond it, an unrecorded car is between."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from headway.core.estimation.registry import MODELS
-from headway_loadtest.evaluate.misbehaviour.experiment import run_liars
+from headway_loadtest.evaluate.misbehaviour.experiment import run_misbehaviour
 from headway_loadtest.evaluate.options import OptionError
 from headway_loadtest.evaluate.pairs.drive import ALL, load, pair_files
 from headway_loadtest.evaluate.pairs.experiment import PairsProtocol, run_pairs
@@ -38,8 +38,10 @@ def evaluate_pairs(
     try:
         check(protocol, out)
         result = _run(paths, protocol, processes or cpu_count() or 1, stderr)
-        with stderr.status("consistent liars"):
-            result["liars"] = run_liars(pair_files(paths), protocol.runs, protocol.seed, protocol.budget_per_hour)
+        with stderr.status("consistent misbehaviour"):
+            result["liars"] = run_misbehaviour(
+                pair_files(paths), protocol.runs, protocol.seed, protocol.budget_per_hour
+            )
     except (SourceError, OptionError) as error:
         stderr.print(f"headway evaluate pairs: {error}", markup=False)
         return BAD_INPUT
@@ -85,7 +87,7 @@ def write_report(result: dict[str, Any], paths: Sequence[Path], protocol: PairsP
         "share.png": (figures.bars(result, "share_of_ceiling", "share of ceiling"), "Share of the memoryless ceiling"),
         "drive.png": (
             figures.drive(load(pair_files(paths)[0]), protocol.seed),
-            "Part of the first drive, c = 1: readings and what `headway` recovered, both less the truth; shaded: lies",
+            "Part of the first drive, c = 1: readings and recovered values of `headway` less the truth; shaded: faults",
         ),
     }
     for name, (figure, _) in drawn.items():

@@ -1,7 +1,7 @@
-"""Real pairs, honest or lied about, through the service's own kernels.
+"""Real pairs, clean or with injected faults, through the service's own kernels.
 
-What a filter gets is what a service gets: noisy readings of the follower and the leader's own noisy sample of the same
-time. Neither the truth nor a label reaches it.
+A filter gets what a service gets: noisy readings of the follower, and the leader's own noisy sample of the same time.
+It gets neither the truth nor a label.
 """
 
 from collections.abc import Iterable, Sequence
@@ -21,10 +21,10 @@ from headway_loadtest.sources.pairs import read_pair
 READING_NOISE = 0.01
 """Standard deviation added to every reading, m and m/s, as in the published experiment."""
 ALL, NONE = "all", "none"
-"""Words for the published mixture of kinds, and for an honest drive."""
+"""Words for the published mixture of kinds, and for a clean drive."""
 STARTS_PER_SAMPLE = 0.005
 LEAST_S = 600.0
-"""A run drives a shorter pair several times, with noise and lies of its own each time: a minute holds six events."""
+"""A run repeats a shorter pair with other noise and faults each time, because a minute holds only six events."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +46,8 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
-    """What the follower says in one drive: honest but for noise (`severity` 0), or lying as `corrupted` tells."""
+class Scenario:
+    """Readings of the follower in one drive: noise alone (`severity` 0), or noise and the faults of `corrupted`."""
 
     severity: float
     kind: str
@@ -79,21 +79,21 @@ def load(path: Path) -> Pair:
     )
 
 
-def stories(
+def scenarios(
     pair: Pair, which: int, severities: Sequence[float], kinds: Sequence[str], runs: int, seed: int
-) -> list[Story]:
-    """Return honest drives, and as many for each kind and severity; `which` is the pair's place in the list.
+) -> list[Scenario]:
+    """Return clean drives, and as many for each kind and severity; `which` is the pair's place in the list.
 
     There is one for each of `runs`, or more of a pair shorter than LEAST_S. A kind is a word of `inject.Kind` that
     concerns one sensor, or `all`.
     """
-    told = []
+    made = []
     for run in range(runs * ceil(LEAST_S / (3600.0 * pair.hours))):
         rng = np.random.default_rng([seed, which, run])
         for severity, kind in [(0.0, NONE), *((severity, kind) for severity in severities for kind in kinds)]:
             spec = Spec(c=severity or 1.0, p=STARTS_PER_SAMPLE if severity else 0.0, kinds=_kinds(kind))
-            told.append(Story(severity, kind, inject(rng, *_noisy(rng, pair), spec)))
-    return told
+            made.append(Scenario(severity, kind, inject(rng, *_noisy(rng, pair), spec)))
+    return made
 
 
 def _kinds(kind: str) -> tuple[Kind, ...]:
@@ -105,19 +105,19 @@ def _noisy(rng: np.random.Generator, pair: Pair) -> tuple[F64, F64]:
     return pair.x_m + rng.normal(0.0, READING_NOISE, n), pair.v_mps + rng.normal(0.0, READING_NOISE, n)
 
 
-def judge(model: Model, pair: Pair, told: Sequence[Story], seed: int) -> Records:
-    """Return the VERDICT of every reading, (n, len(told)): each story has a row of the bank to itself."""
-    n, m = len(pair.t_s), len(told)
+def run_model(model: Model, pair: Pair, drives: Sequence[Scenario], seed: int) -> Records:
+    """Return the VERDICT of every reading, (n, scenarios): each scenario has its own row of the bank."""
+    n, m = len(pair.t_s), len(drives)
     rng = np.random.default_rng(seed)
     readings = banks.readings(n * m).reshape(n, m)
     readings["t_s"] = readings["leader_t_s"] = pair.t_s[:, None]
-    readings["x_m"] = np.stack([story.corrupted.x_m for story in told], axis=1)
-    readings["v_mps"] = np.stack([story.corrupted.v_mps for story in told], axis=1)
+    readings["x_m"] = np.stack([scenario.corrupted.x_m for scenario in drives], axis=1)
+    readings["v_mps"] = np.stack([scenario.corrupted.v_mps for scenario in drives], axis=1)
     readings["leader_x_m"] = pair.leader_x_m[:, None] + rng.normal(0.0, READING_NOISE, (n, m))
     readings["leader_v_mps"] = pair.leader_v_mps[:, None] + rng.normal(0.0, READING_NOISE, (n, m))
     readings["leader_length_m"] = pair.leader_length_m
-    judged = banks.verdicts(n * m).reshape(n, m)
+    results = banks.verdicts(n * m).reshape(n, m)
     bank, rows = np.zeros(m, model.dtype), np.arange(m)
     for k in range(n):
-        model.step_batch(bank, rows, readings[k], model.params, judged[k])
-    return judged
+        model.step_batch(bank, rows, readings[k], model.params, results[k])
+    return results

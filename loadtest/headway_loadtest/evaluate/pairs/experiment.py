@@ -1,7 +1,7 @@
-"""Every model on real pairs: how much it finds, how often it is wrong, and what it puts in the place of a lie.
+"""Every model on real pairs: recall, false alarms, and the error of the recovered readings.
 
-`headway` sets its gate itself, from the alarm budget and what it hears. The other models have no such notion; they get
-the lowest gate that would have kept the budget on the honest drives of their set, which a service could not know.
+`headway` learns its gate from the alarm budget and its own readings. The other models get the lowest gate that keeps
+the budget on the clean drives of their set, which a service could not know.
 The ceiling is the ROC of |z - truth|^2 on the same drives: a memoryless detector that knows the true state.
 """
 
@@ -19,18 +19,18 @@ import numpy as np
 from headway.core.estimation import registry
 from headway.core.estimation.registry import Model
 from headway.core.types.config import DetectorConfig
-from headway_loadtest.evaluate.pairs.drive import Pair, judge, load, pair_files, stories
+from headway_loadtest.evaluate.pairs.drive import Pair, load, pair_files, run_model, scenarios
 from headway_loadtest.evaluate.pairs.score import Score, gate_for, score, summary, total
 from headway_loadtest.sources.drive import F64
 
 Progress = Callable[[int, int], None]
 """Called with the finished and the total number of parts."""
-HONEST = 0.0
+CLEAN = 0.0
 EVERY_SET = "all"
 
 
 def _silent(_done: int, _of: int) -> None:
-    """Tell nobody."""
+    """Report no progress."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,7 +60,7 @@ class PairRun:
 
 Cell = tuple[str, str, float]
 """(set, model, delay in s)"""
-Telling = tuple[float, str]
+Condition = tuple[float, str]
 """(severity, kind)"""
 
 
@@ -69,7 +69,7 @@ def run_pairs(
 ) -> dict[str, Any]:
     """Run the protocol on pair files, or folders of them, and return what `--json` prints.
 
-    `rows` has an entry for each set, model, delay, severity and kind; `clean` the false alarms on honest drives, by set
+    `rows` has an entry for each set, model, delay, severity and kind; `clean` the false alarms on clean drives, by set
     and over all sets. Values are None where there was nothing to measure.
 
     Raises
@@ -81,20 +81,20 @@ def run_pairs(
     cells = product(enumerate(pairs), protocol.models, protocol.delays_s)
     parts = [PairRun(pair, which, model, delay_s, None, protocol) for (which, pair), model, delay_s in cells]
     gateless = [part for part in parts if _takes_gate(part)]
-    scores: dict[Cell, dict[Telling, list[Score]]] = {}
+    scores: dict[Cell, dict[Condition, list[Score]]] = {}
     for part in {(part.model, part.delay_s): part for part in parts}.values():
         _model(part).warm_up()
     with _workers(processes) as spread:
         done, of = 0, len(gateless) + len(parts)
-        honest: dict[Cell, list[tuple[F64, float]]] = {}
-        for part, heard in zip(gateless, spread(honest_statistics, gateless), strict=True):
-            honest.setdefault(_cell(part), []).extend(heard)
+        clean_drives: dict[Cell, list[tuple[F64, float]]] = {}
+        for part, collected in zip(gateless, spread(clean_statistics, gateless), strict=True):
+            clean_drives.setdefault(_cell(part), []).extend(collected)
             progress(done := done + 1, of)
-        gates = {cell: _gate(heard, protocol.budget_per_hour) for cell, heard in honest.items()}
+        gates = {cell: _gate(collected, protocol.budget_per_hour) for cell, collected in clean_drives.items()}
         gated = [replace(part, gate=gates.get(_cell(part))) for part in parts]
         for part, made in zip(gated, spread(measure, gated), strict=True):
-            for telling, one in made:
-                scores.setdefault(_cell(part), {}).setdefault(telling, []).append(one)
+            for condition, one in made:
+                scores.setdefault(_cell(part), {}).setdefault(condition, []).append(one)
             progress(done := done + 1, of)
     return {
         "budget_per_hour": protocol.budget_per_hour,
@@ -115,8 +115,8 @@ def _workers(processes: int) -> Iterator[Callable[..., Iterable[Any]]]:
         yield pool.map
 
 
-def _gate(heard: Sequence[tuple[F64, float]], budget_per_hour: float) -> float:
-    return gate_for([statistic for statistic, _ in heard], sum(hours for _, hours in heard), budget_per_hour)
+def _gate(collected: Sequence[tuple[F64, float]], budget_per_hour: float) -> float:
+    return gate_for([statistic for statistic, _ in collected], sum(hours for _, hours in collected), budget_per_hour)
 
 
 def _cell(part: PairRun) -> Cell:
@@ -133,28 +133,28 @@ def _takes_gate(part: PairRun) -> bool:
     return "gate" in _model(part).params._fields
 
 
-def honest_statistics(part: PairRun) -> list[tuple[F64, float]]:
-    """Return statistic and hours of each honest drive, nothing being rejected."""
+def clean_statistics(part: PairRun) -> list[tuple[F64, float]]:
+    """Return statistic and hours of each clean drive, without any rejection."""
     p = part.protocol
-    told = stories(part.pair, part.which, (), (), p.runs, p.seed)
-    judged = judge(_model(replace(part, gate=np.inf)), part.pair, told, p.seed)
-    warm = ~judged["warming"][:, 0]
-    return [(judged["statistic"][warm, k].copy(), part.pair.hours) for k in range(len(told))]
+    drives = scenarios(part.pair, part.which, (), (), p.runs, p.seed)
+    results = run_model(_model(replace(part, gate=np.inf)), part.pair, drives, p.seed)
+    warm = ~results["warming"][:, 0]
+    return [(results["statistic"][warm, k].copy(), part.pair.hours) for k in range(len(drives))]
 
 
-def measure(part: PairRun) -> list[tuple[Telling, Score]]:
-    """Score every story of one pair before one model."""
+def measure(part: PairRun) -> list[tuple[Condition, Score]]:
+    """Score every scenario of one pair with one model."""
     p = part.protocol
-    told = stories(part.pair, part.which, p.severities, p.kinds, p.runs, p.seed)
-    judged = judge(_model(part), part.pair, told, p.seed)
-    return [((one.severity, one.kind), score(part.pair, one, judged[:, k])) for k, one in enumerate(told)]
+    drives = scenarios(part.pair, part.which, p.severities, p.kinds, p.runs, p.seed)
+    results = run_model(_model(part), part.pair, drives, p.seed)
+    return [((one.severity, one.kind), score(part.pair, one, results[:, k])) for k, one in enumerate(drives)]
 
 
-def _rows(scores: dict[Cell, dict[Telling, list[Score]]], gates: dict[Cell, float]) -> Iterator[dict[str, Any]]:
-    for (group, model, delay_s), tellings in scores.items():
-        clean = total(_honest(tellings))
-        for (severity, kind), many in tellings.items():
-            if severity != HONEST:
+def _rows(scores: dict[Cell, dict[Condition, list[Score]]], gates: dict[Cell, float]) -> Iterator[dict[str, Any]]:
+    for (group, model, delay_s), conditions in scores.items():
+        clean = total(_clean_scores(conditions))
+        for (severity, kind), many in conditions.items():
+            if severity != CLEAN:
                 yield {
                     "set": group,
                     "model": model,
@@ -167,13 +167,13 @@ def _rows(scores: dict[Cell, dict[Telling, list[Score]]], gates: dict[Cell, floa
                 }
 
 
-def _clean(scores: dict[Cell, dict[Telling, list[Score]]]) -> Iterator[dict[str, Any]]:
-    heard: dict[Cell, list[Score]] = {}
-    for (group, model, delay_s), tellings in scores.items():
+def _clean(scores: dict[Cell, dict[Condition, list[Score]]]) -> Iterator[dict[str, Any]]:
+    collected: dict[Cell, list[Score]] = {}
+    for (group, model, delay_s), conditions in scores.items():
         for cell in ((group, model, delay_s), (EVERY_SET, model, delay_s)):
-            heard.setdefault(cell, []).extend(_honest(tellings))
-    for (group, model, delay_s), honest in heard.items():
-        clean = total(honest)
+            collected.setdefault(cell, []).extend(_clean_scores(conditions))
+    for (group, model, delay_s), clean_drives in collected.items():
+        clean = total(clean_drives)
         yield {
             "set": group,
             "model": model,
@@ -184,5 +184,5 @@ def _clean(scores: dict[Cell, dict[Telling, list[Score]]]) -> Iterator[dict[str,
         }
 
 
-def _honest(tellings: dict[Telling, list[Score]]) -> list[Score]:
-    return [one for (severity, _), many in tellings.items() if severity == HONEST for one in many]
+def _clean_scores(conditions: dict[Condition, list[Score]]) -> list[Score]:
+    return [one for (severity, _), many in conditions.items() if severity == CLEAN for one in many]

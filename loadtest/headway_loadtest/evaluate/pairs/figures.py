@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from headway.core.estimation import registry
 from headway.core.types.config import DetectorConfig
-from headway_loadtest.evaluate.pairs.drive import ALL, Pair, judge, stories
+from headway_loadtest.evaluate.pairs.drive import ALL, Pair, run_model, scenarios
 from headway_loadtest.sources.drive import F64
 
 SHOWN_S = 40.0
@@ -49,25 +49,25 @@ def _values(result: Mapping[str, Any], measure: str, group: str, model: str, sev
 
 def drive(pair: Pair, seed: int, severity: float = 1.0) -> Figure:
     """Draw part of a drive with injected events, as `headway` saw it."""
-    told = stories(pair, 0, (severity,), (ALL,), 1, seed)
-    judged = judge(registry.build(DetectorConfig()), pair, told, seed)[:, -1]
-    corrupted = told[-1].corrupted
+    drives = scenarios(pair, 0, (severity,), (ALL,), 1, seed)
+    results = run_model(registry.build(DetectorConfig()), pair, drives, seed)[:, -1]
+    corrupted = drives[-1].corrupted
     first = int(SHOWN_FROM * len(pair.t_s))
     shown = slice(first, first + int(np.searchsorted(pair.t_s[first:], pair.t_s[first] + SHOWN_S)))
     t_s = pair.t_s[shown]
     figure = Figure(figsize=(9, 6), layout="constrained")
     location, speed, odds = figure.subplots(3, 1, sharex=True)
     for axes, reading, estimate, truth, label in (
-        (location, corrupted.x_m, judged["x_m"], pair.x_m, "location [m]"),
-        (speed, corrupted.v_mps, judged["v_mps"], pair.v_mps, "speed [m/s]"),
+        (location, corrupted.x_m, results["x_m"], pair.x_m, "location [m]"),
+        (speed, corrupted.v_mps, results["v_mps"], pair.v_mps, "speed [m/s]"),
     ):
         axes.plot(t_s, (reading - truth)[shown], ".", color="tab:red", markersize=3, label="reading")
         axes.plot(t_s, (estimate - truth)[shown], color="tab:blue", linewidth=1, label="recovered")
         axes.set_ylabel(f"{label}\nless the truth")
     _shade(location, t_s, corrupted.x_kind[shown])
     _shade(speed, t_s, corrupted.v_kind[shown])
-    odds.plot(t_s, judged["statistic"][shown], color="tab:blue", linewidth=1, label="log odds")
-    odds.plot(t_s, judged["gate"][shown], color="black", linewidth=1, linestyle="--", label="gate")
+    odds.plot(t_s, results["statistic"][shown], color="tab:blue", linewidth=1, label="log odds")
+    odds.plot(t_s, results["gate"][shown], color="black", linewidth=1, linestyle="--", label="gate")
     _shade(odds, t_s, corrupted.anomalous[shown])
     odds.set_xlabel("t [s]")
     for axes in (location, speed, odds):
@@ -75,6 +75,6 @@ def drive(pair: Pair, seed: int, severity: float = 1.0) -> Figure:
     return figure
 
 
-def _shade(axes: Axes, t_s: F64, lies: Any) -> None:
-    where = (np.asarray(lies) > 0).tolist()
+def _shade(axes: Axes, t_s: F64, faulty: Any) -> None:
+    where = (np.asarray(faulty) > 0).tolist()
     axes.fill_between(t_s, 0, 1, where=where, step="mid", transform=axes.get_xaxis_transform(), color="red", alpha=0.12)

@@ -24,15 +24,15 @@ HEADER = (
     "x rec./corr.",
     "v rec./corr.",
 )
-LIARS_TITLE = "Liars who keep location and speed consistent (tests between two cars)"
-LIARS_HEADER = ("set", "lie", "range", "lies", "recall at 2 %", "at budget", "suspect right", "false/h")
+MISBEHAVIOUR_TITLE = "Senders that keep location and speed consistent (tests between two cars)"
+MISBEHAVIOUR_HEADER = ("set", "kind", "range", "events", "recall at 2 %", "at budget", "suspect right", "false/h")
 CLEAN_HEADER = ("set", "model", "tau [s]", "false alarms", "hours", "per hour")
 LEGEND = """\
 The ceiling is the AUC of |z - truth|^2, a memoryless detector that knows the true state; share is
-(AUC - 1/2) / (ceiling - 1/2). An event is found when an alarm stands between its first sample and a second after its
-last. `headway` learns its gate from the budget; the others get the lowest gate that keeps the budget on the honest
+(AUC - 1/2) / (ceiling - 1/2). An event is found if an alarm stands between its first sample and a second after its
+last. `headway` learns its gate from the budget; the others get the lowest gate that keeps the budget on the clean
 drives of their set, which no service could know. The last two columns are the RMSE of the recovered readings over that
-of the corrupted ones, over the samples that lie."""
+of the corrupted ones, over the faulty samples."""
 KINDS = ("short", "noise", "bias", "drift")
 
 
@@ -72,18 +72,18 @@ def clean_rows(result: Mapping[str, Any]) -> Rows:
 
 
 def confusion_rows(result: Mapping[str, Any], model: str) -> Rows:
-    """Injected kinds down, kinds said last across, over every row of the model."""
+    """Return counts over every row of the model: injected kinds down, kinds named last across."""
     counts = {true: dict.fromkeys(KINDS, 0) for true in KINDS}
     for row in result["rows"]:
         if row["model"] == model:
-            for true, said in row["confusion"].items():
-                for kind, count in said.items():
+            for true, named in row["confusion"].items():
+                for kind, count in named.items():
                     counts[true][kind] += count
     return [(true, *(str(counts[true][kind]) for kind in KINDS)) for true in KINDS]
 
 
-def liar_rows(result: Mapping[str, Any]) -> Rows:
-    """Return a line for each set, lie and forward sensor."""
+def misbehaviour_rows(result: Mapping[str, Any]) -> Rows:
+    """Return a line for each set, kind and forward sensor."""
     return [
         (
             row["set"],
@@ -102,10 +102,10 @@ def liar_rows(result: Mapping[str, Any]) -> Rows:
 def print_report(result: Mapping[str, Any], console: Console) -> None:
     """Print the tables."""
     console.print(_table(_title(result), HEADER, rows(result)))
-    console.print(_table("False alarms on honest drives", CLEAN_HEADER, clean_rows(result)))
+    console.print(_table("False alarms on clean drives", CLEAN_HEADER, clean_rows(result)))
     for model in _models(result):
         console.print(_table(f"Kinds, {model}", ("injected", *KINDS), confusion_rows(result, model)))
-    console.print(_table(LIARS_TITLE, LIARS_HEADER, liar_rows(result)))
+    console.print(_table(MISBEHAVIOUR_TITLE, MISBEHAVIOUR_HEADER, misbehaviour_rows(result)))
 
 
 def markdown(result: Mapping[str, Any], figures: Mapping[str, str]) -> str:
@@ -115,14 +115,14 @@ def markdown(result: Mapping[str, Any], figures: Mapping[str, str]) -> str:
         _title(result),
         LEGEND,
         _pipes(HEADER, rows(result)),
-        "## False alarms on honest drives",
+        "## False alarms on clean drives",
         _pipes(CLEAN_HEADER, clean_rows(result)),
         "## Kinds",
-        "Injected down, said last across; events found whose sensor was named right.",
+        "Injected down, named last across; detected events with the right sensor.",
     ]
     for model in _models(result):
         parts += [f"### {model}", _pipes(("injected", *KINDS), confusion_rows(result, model))]
-    parts += [f"## {LIARS_TITLE}", _pipes(LIARS_HEADER, liar_rows(result))]
+    parts += [f"## {MISBEHAVIOUR_TITLE}", _pipes(MISBEHAVIOUR_HEADER, misbehaviour_rows(result))]
     parts += ["## Figures", *(f"![{caption}]({name})\n\n{caption}." for name, caption in figures.items())]
     return "\n\n".join(parts) + "\n"
 

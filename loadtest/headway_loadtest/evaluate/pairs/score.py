@@ -1,8 +1,8 @@
-"""What a detector's verdicts on a drive with labels are worth.
+"""Scores of a detector's verdicts on a drive with labels.
 
 An injected event is **found** when an alarm of its vehicle stands at some time between its first sample and a second
 after its last. A **false alarm** is an episode of alarms (gaps up to a second belong to it) no part of which falls into
-such a window; on honest drives every episode is one. Readings while the filter warms up are left out everywhere.
+such a window; on clean drives every episode is one. Readings of the warm-up are left out everywhere.
 """
 
 from collections import Counter
@@ -16,7 +16,7 @@ from scipy.stats import rankdata
 
 from headway.core.types import records
 from headway.core.types.records import Records
-from headway_loadtest.evaluate.pairs.drive import Pair, Story
+from headway_loadtest.evaluate.pairs.drive import Pair, Scenario
 from headway_loadtest.inject.faults import Injected, Kind, Sensor
 from headway_loadtest.sources.drive import F64
 
@@ -37,61 +37,61 @@ class Score:
     events: Counter[str]
     delays_s: list[float]
     kinds: Counter[tuple[str, str]]
-    """(true, said) of the events found whose sensor was named right."""
+    """(injected, named) kinds of the events found with the right sensor."""
     named: int
-    """Events found whose sensor was named right."""
+    """Events found with the right sensor."""
     false_alarms: int
     hours: float
     """Outside all windows."""
     squares: F64
-    """(2, 2): recovered and corrupted squared error, of location and speed, over the samples that lie."""
+    """(2, 2): recovered and corrupted squared error, of location and speed, over the faulty samples."""
     samples: NDArray[np.int64]
-    """(2,) samples that lie."""
+    """(2,) faulty samples."""
 
 
-def score(pair: Pair, story: Story, judged: Records) -> Score:
+def score(pair: Pair, scenario: Scenario, results: Records) -> Score:
     """Compare verdicts (n,) with what was injected."""
-    warm = ~judged["warming"]
-    corrupted = story.corrupted
-    alarms = judged["anomalous"] & warm
-    lies = np.stack([corrupted.x_kind > 0, corrupted.v_kind > 0]) & warm
+    warm = ~results["warming"]
+    corrupted = scenario.corrupted
+    alarms = results["anomalous"] & warm
+    faulty = np.stack([corrupted.x_kind > 0, corrupted.v_kind > 0]) & warm
     truth = np.stack([pair.x_m, pair.v_mps])
-    told = np.stack([corrupted.x_m, corrupted.v_mps])
-    recovered = np.stack([judged["x_m"], judged["v_mps"]])
-    made = Score([], [], Counter(), Counter(), [], Counter(), 0, 0, 0.0, np.zeros((2, 2)), lies.sum(axis=1))
-    for row, values in enumerate((recovered, told)):
-        made.squares[row] = (((values - truth) ** 2) * lies).sum(axis=1)
+    reported = np.stack([corrupted.x_m, corrupted.v_mps])
+    recovered = np.stack([results["x_m"], results["v_mps"]])
+    made = Score([], [], Counter(), Counter(), [], Counter(), 0, 0, 0.0, np.zeros((2, 2)), faulty.sum(axis=1))
+    for row, values in enumerate((recovered, reported)):
+        made.squares[row] = (((values - truth) ** 2) * faulty).sum(axis=1)
     labels = corrupted.anomalous[warm]
     if labels.any() and not labels.all():
-        made.auc.append(auc(judged["statistic"][warm], labels))
-        made.ceiling.append(auc(((told - truth) ** 2).sum(axis=0)[warm], labels))
+        made.auc.append(auc(results["statistic"][warm], labels))
+        made.ceiling.append(auc(((reported - truth) ** 2).sum(axis=0)[warm], labels))
     first = int(np.argmax(warm))
     windows = np.zeros(len(alarms), np.bool_)
     for event in corrupted.events:
         window = slice(event.start, event.stop + GRACE)
         windows[window] = True
         if event.start >= first:
-            _note(made, event, alarms, judged, window)
+            _note(made, event, alarms, results, window)
     made.false_alarms = episodes(alarms, windows)
     made.hours = float((warm & ~windows).sum()) * SAMPLE_S / 3600.0
     return made
 
 
-def _note(made: Score, event: Injected, alarms: Bools, judged: Records, window: slice) -> None:
-    """Add one event: whether and when it was found, and what was last said of it."""
+def _note(made: Score, event: Injected, alarms: Bools, results: Records, window: slice) -> None:
+    """Add one event: whether and when it was found, and the sensor and kind that were named last."""
     made.events[event.kind.label] += 1
     at = np.flatnonzero(alarms[window])
     if not at.size:
         return
     made.found[event.kind.label] += 1
     made.delays_s.append(float(at[0]) * SAMPLE_S)
-    during = judged[event.start : event.stop]
-    accused = (during["sensor"] == SENSOR_CODE[event.sensor]) | (during["sensor"] == records.Sensor.BOTH)
-    said = np.flatnonzero(alarms[event.start : event.stop] & accused)
-    if said.size:
+    during = results[event.start : event.stop]
+    isolated = (during["sensor"] == SENSOR_CODE[event.sensor]) | (during["sensor"] == records.Sensor.BOTH)
+    named = np.flatnonzero(alarms[event.start : event.stop] & isolated)
+    if named.size:
         made.named += 1
         true = Kind.SHORT if event.stop - event.start == 1 else event.kind
-        made.kinds[true.label, records.Kind(int(during["kind"][said[-1]])).label] += 1
+        made.kinds[true.label, records.Kind(int(during["kind"][named[-1]])).label] += 1
 
 
 def auc(statistic: F64, labels: Bools) -> float:
@@ -115,7 +115,7 @@ def episodes(alarms: Bools, windows: Bools | None = None) -> int:
 
 
 def gate_for(statistics: Sequence[F64], hours: float, budget_per_hour: float) -> float:
-    """Return the lowest gate at which honest drives (each (n,), `hours` together) keep within the budget."""
+    """Return the lowest gate at which clean drives (each (n,), `hours` together) keep within the budget."""
     allowed = budget_per_hour * hours
     candidates = np.unique(np.concatenate([np.sort(one)[-2000:] for one in statistics]))
     low, high = 0, candidates.size - 1
@@ -150,7 +150,7 @@ def summary(scores: Sequence[Score]) -> dict[str, Any]:
     every = total(scores)
     auc_mean, ceiling = _mean(every.auc), _mean(every.ceiling)
     found, events = every.found.total(), every.events.total()
-    right = sum(count for (true, said), count in every.kinds.items() if true == said)
+    right = sum(count for (true, named), count in every.kinds.items() if true == named)
     rmse = np.sqrt(every.squares / np.maximum(every.samples, 1))
     seen = bool(every.samples.all())
     share = None
@@ -188,6 +188,6 @@ def _ratio(part: float, whole: float) -> float | None:
 
 def _nested(kinds: Counter[tuple[str, str]]) -> dict[str, dict[str, int]]:
     nested: dict[str, dict[str, int]] = {}
-    for (true, said), count in sorted(kinds.items()):
-        nested.setdefault(true, {})[said] = count
+    for (true, named), count in sorted(kinds.items()):
+        nested.setdefault(true, {})[named] = count
     return nested

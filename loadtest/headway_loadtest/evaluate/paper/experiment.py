@@ -69,7 +69,7 @@ DEVIATIONS = {
     "closed loop": "each ROC has 100 runs, one per quantile of the nis of a run that rejects nothing",
     "table 2": "nothing is injected or rejected; MSE is the root of the sum of both states' MSEs, as printed",
 }
-"""Where the protocol says more than the paper's text, or other than it."""
+"""Where the protocol differs from the paper's text, or adds to it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -197,7 +197,7 @@ def _map(tasks: Sequence[Task], processes: int) -> Iterator[SeedRun]:
 
 
 def _compile(task: Task) -> None:
-    """Fill the kernels' cache, before every process would do so for itself (`Model.warm_up` says why)."""
+    """Fill the kernels' cache before the processes start (`Model.warm_up`)."""
     leader, protocol, delay_s, seed = task
     short = Leader(leader.x_m[:SAMPLES_MIN], leader.v_mps[:SAMPLES_MIN])
     follower = drive(short, delay_s, 0.0, seed)
@@ -222,19 +222,19 @@ def _part(task: Task) -> SeedRun:
 def _roc(model: str, delay_s: float, protocol: Protocol, follower: Follower, corrupted: CorruptedReadings) -> roc.Roc:
     p = params(model, delay_s, protocol.delay_jitter_s)
 
-    def judged(gate: float) -> Any:
+    def at_gate(gate: float) -> Any:
         return run(model, p._replace(gate=gate), follower, corrupted.readings, protocol.recovery, protocol.history)
 
-    gates = roc.thresholds(judged(np.inf)["nis"])
-    return roc.closed_loop(lambda gate: judged(gate)["anomalous"], corrupted.anomalous, gates)
+    gates = roc.thresholds(at_gate(np.inf)["nis"])
+    return roc.closed_loop(lambda gate: at_gate(gate)["anomalous"], corrupted.anomalous, gates)
 
 
 def _clean(model: str, delay_s: float, protocol: Protocol, follower: Follower) -> CleanNumbers:
     p = params(model, delay_s, protocol.delay_jitter_s)
-    judged = run(model, p, follower, follower.readings, protocol.recovery, protocol.history)
-    mse = np.mean((judged["x_m"] - follower.x_m) ** 2) + np.mean((judged["v_mps"] - follower.v_mps) ** 2)
-    innovation_m, innovation_mps = judged["nu"].mean(axis=0)
-    return float(innovation_m), float(innovation_mps), sqrt(mse), float(judged["repaired"].mean())
+    results = run(model, p, follower, follower.readings, protocol.recovery, protocol.history)
+    mse = np.mean((results["x_m"] - follower.x_m) ** 2) + np.mean((results["v_mps"] - follower.v_mps) ** 2)
+    innovation_m, innovation_mps = results["nu"].mean(axis=0)
+    return float(innovation_m), float(innovation_mps), sqrt(mse), float(results["repaired"].mean())
 
 
 def _collect(protocol: Protocol, samples: int, parts: Iterable[SeedRun]) -> PaperResult:

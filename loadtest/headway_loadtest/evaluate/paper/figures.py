@@ -49,8 +49,8 @@ def innovation_figure(leader: Leader, protocol: Protocol) -> Figure:
     follower = drive(leader, DELAY_S, protocol.delay_jitter_s, protocol.seed)
     corrupted = corrupt(follower, SEVERITY, protocol.seed)
     for axes, model in zip(figure.subplots(1, 2, sharex=True, sharey=True), MODELS, strict=True):
-        judged = _judged(model, protocol, follower, corrupted)
-        nu: F64 = np.linalg.solve(np.linalg.cholesky(judged["S"]), judged["nu"][:, :, None])[:, :, 0]
+        results = _results(model, protocol, follower, corrupted)
+        nu: F64 = np.linalg.solve(np.linalg.cholesky(results["S"]), results["nu"][:, :, None])[:, :, 0]
         for label, colour, rows in (
             ("normal", "tab:green", ~corrupted.anomalous),
             ("anomalous", "tab:red", corrupted.anomalous),
@@ -68,7 +68,7 @@ def run_figure(leader: Leader, protocol: Protocol, model: str = "aekf") -> Figur
     """Draw one minute of a run: speeds, location error, statistic and gate, with the labelled rows shaded."""
     follower = drive(leader, DELAY_S, protocol.delay_jitter_s, protocol.seed)
     corrupted = corrupt(follower, SEVERITY, protocol.seed)
-    judged = _judged(model, protocol, follower, corrupted)[WINDOW]
+    results = _results(model, protocol, follower, corrupted)[WINDOW]
     read = corrupted.readings[WINDOW]
     t_s = read["t_s"]
     figure = Figure(figsize=(8, 7), layout="constrained")
@@ -76,12 +76,12 @@ def run_figure(leader: Leader, protocol: Protocol, model: str = "aekf") -> Figur
     speed.plot(t_s, leader.v_mps[WINDOW], color="grey", label="leader")
     speed.plot(t_s, follower.v_mps[WINDOW], color="black", label="follower")
     speed.plot(t_s, read["v_mps"], ".", markersize=2, color="tab:red", label="reading")
-    speed.plot(t_s, judged["v_mps"], color="tab:orange", linewidth=1, label="estimate")
+    speed.plot(t_s, results["v_mps"], color="tab:orange", linewidth=1, label="estimate")
     speed.set_ylabel("speed [m/s]")
     location.plot(t_s, read["x_m"] - follower.x_m[WINDOW], ".", markersize=2, color="tab:red", label="reading")
-    location.plot(t_s, judged["x_m"] - follower.x_m[WINDOW], color="tab:orange", linewidth=1, label="estimate")
+    location.plot(t_s, results["x_m"] - follower.x_m[WINDOW], color="tab:orange", linewidth=1, label="estimate")
     location.set_ylabel("location less the truth [m]")
-    statistic.semilogy(t_s, judged["nis"], color="tab:blue", linewidth=1, label="nis")
+    statistic.semilogy(t_s, results["nis"], color="tab:blue", linewidth=1, label="nis")
     statistic.axhline(GATE, color="black", linestyle="--", linewidth=1, label="gate")
     statistic.set(ylabel="nis", xlabel="t [s]", ylim=(1e-4, None))
     for axes in (speed, location, statistic):
@@ -95,7 +95,7 @@ def run_figure(leader: Leader, protocol: Protocol, model: str = "aekf") -> Figur
     return figure
 
 
-def _judged(model: str, protocol: Protocol, follower: Follower, corrupted: CorruptedReadings) -> Records:
+def _results(model: str, protocol: Protocol, follower: Follower, corrupted: CorruptedReadings) -> Records:
     p = params(model, DELAY_S, protocol.delay_jitter_s)._replace(gate=GATE)
     return run(model, p, follower, corrupted.readings, protocol.recovery, protocol.history)
 

@@ -1,9 +1,8 @@
-"""The follower of the published experiment, which is simulated, and what its faulty sensors say.
+"""The simulated follower of the published experiment, and the readings of its faulty sensors.
 
-The simulated driver obeys the same IDM that the filter uses and hears the leader tau late; his location also slips by
-a random acceleration, a_r tau dt per step with a_r ~ N(-0.65, 0.25^2). That slip is the bias which the third state of
-Model 2 takes up. With a stochastic delay (equation `stochastic-delay`) he hears the leader tau + kappa late, kappa
-drawn anew for each sample and never so low that he would hear the future.
+The driver obeys the IDM of the filter, with the leader of tau ago. A random acceleration a_r ~ N(-0.65, 0.25^2) moves
+the position by a_r tau dt per step, as a speed bias that the third state of Model 2 estimates. With a stochastic delay
+(equation `stochastic-delay`) the leader is that of tau + kappa ago, kappa drawn for each sample with tau + kappa >= 0.
 """
 
 from dataclasses import dataclass
@@ -47,11 +46,11 @@ def drive(leader: Leader, delay_s: float, delay_jitter_s: float, seed: int) -> F
     """Simulate the follower of `leader` and read his sensors."""
     n = len(leader.x_m)
     rng = np.random.default_rng(seed)
-    slip_mps = rng.normal(SLIP_MPS2, SLIP_STD_MPS2, n) * delay_s
+    speed_bias_mps = rng.normal(SLIP_MPS2, SLIP_STD_MPS2, n) * delay_s
     noise = rng.normal(0.0, READING_STD, (2, n))
     whole_samples = np.floor(delay_s / INTERVAL_S + 1e-9)
     lag = np.maximum(0.0, whole_samples + rng.normal(0.0, 1.0, n) * delay_jitter_s / INTERVAL_S)
-    x_m, v_mps = follow(leader.x_m, leader.v_mps, lag, slip_mps, IdmParams())
+    x_m, v_mps = follow(leader.x_m, leader.v_mps, lag, speed_bias_mps, IdmParams())
     made = readings(n)
     made["t_s"] = made["leader_t_s"] = leader.t_s
     made["leader_x_m"], made["leader_v_mps"], made["leader_length_m"] = leader.x_m, leader.v_mps, LENGTH_M
@@ -66,32 +65,32 @@ def corrupt(follower: Follower, severity: float, seed: int) -> CorruptedReadings
     """
     clean = follower.readings
     rng = np.random.default_rng((seed, 1))
-    lies = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
-    while not lies.anomalous.any():
-        lies = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
+    corrupted = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
+    while not corrupted.anomalous.any():
+        corrupted = inject(rng, clean["x_m"], clean["v_mps"], Spec(c=severity))
     made = clean.copy()
-    made["x_m"], made["v_mps"] = lies.x_m, lies.v_mps
-    return CorruptedReadings(made, lies.anomalous)
+    made["x_m"], made["v_mps"] = corrupted.x_m, corrupted.v_mps
+    return CorruptedReadings(made, corrupted.anomalous)
 
 
 @njit(cache=True, error_model="numpy")
-def follow(leader_x_m: F64, leader_v_mps: F64, lag_samples: F64, slip_mps: F64, p: IdmParams) -> tuple[F64, F64]:
-    """Return location and speed, (n,) each: v += dt f_v, x += dt (v + slip) with the new speed, v never below zero.
+def follow(leader_x_m: F64, leader_v_mps: F64, lag_samples: F64, speed_bias_mps: F64, p: IdmParams) -> tuple[F64, F64]:
+    """Return position and speed, (n,) each: v += dt f_v, x += dt (v + bias) with the new speed, v at least 0.
 
-    `lag_samples` (n,) says how late the leader is heard; between his samples and before his first one he is taken
-    as on the straight line and as standing at the start.
+    `lag_samples` (n,) is the delay of the leader in samples. Between samples the leader is on the straight line, and
+    before the first one it stands at the start.
     """
     n = leader_x_m.size
     x_m, v_mps = np.empty(n), np.empty(n)
     x_m[0], v_mps[0] = START_X_M, START_V_MPS
     for k in range(n - 1):
-        heard = max(0.0, k - lag_samples[k])
-        i = int(heard)
+        delayed = max(0.0, k - lag_samples[k])
+        i = int(delayed)
         j = min(i + 1, n - 1)
-        w = heard - i
+        w = delayed - i
         leader_x = (1.0 - w) * leader_x_m[i] + w * leader_x_m[j]
         leader_v = (1.0 - w) * leader_v_mps[i] + w * leader_v_mps[j]
         f, _, _, _ = idm(leader_x - x_m[k] - LENGTH_M, v_mps[k], leader_v, p)
         v_mps[k + 1] = max(0.0, v_mps[k] + INTERVAL_S * f)
-        x_m[k + 1] = x_m[k] + INTERVAL_S * (v_mps[k + 1] + slip_mps[k])
+        x_m[k + 1] = x_m[k] + INTERVAL_S * (v_mps[k + 1] + speed_bias_mps[k])
     return x_m, v_mps

@@ -1,9 +1,9 @@
-"""The closed loop: the service's own kernel judges a drive, and what it rejects is replaced before the next reading.
+"""The closed loop: the service's kernel runs along a drive, and a rejected reading is replaced before the next one.
 
-Two choices that are the experiment's, not the service's, live here and nowhere in the core:
+Two choices belong to the experiment and not to the service, so they are here and not in the core:
 
-`Recovery.GROUND_TRUTH` lets the filter learn from the truth where its reading was rejected, and then puts the estimate
-on it (H s = truth). It is an oracle: the published Table 1 rests on it, and no service has one.
+`Recovery.GROUND_TRUTH` updates the filter by the truth where its reading was rejected, and then sets the estimate to it
+(H s = truth). The published Table 1 rests on this oracle, which no service has.
 `History.CONSTANT` takes the estimate's past to be its present (s(t - tau) = s(t), P likewise) while the leader's input
 is truly delayed, as the published solver does. `History.BUFFERS` is the equation as written, and what the service runs.
 """
@@ -29,14 +29,14 @@ DELAY_MAX_S = 5.0
 
 
 class Recovery(StrEnum):
-    """What stands in for an estimate whose reading was rejected."""
+    """What replaces an estimate whose reading was rejected."""
 
     GROUND_TRUTH = "ground-truth"
     PREDICTION = "prediction"
 
 
 class History(StrEnum):
-    """What the filter takes for its own past between t - tau and t."""
+    """The filter's own past between t - tau and t."""
 
     CONSTANT = "constant"
     BUFFERS = "buffers"
@@ -53,26 +53,26 @@ def run(
 ) -> Records:
     """Return the VERDICT of each reading (n,), the estimate in it being the one after recovery."""
     bank = np.zeros(1, paper_dtype(ORDERS[model], DELAY_MAX_S))
-    judged = verdicts(len(readings))
+    results = verdicts(len(readings))
     oracle, constant = recovery is Recovery.GROUND_TRUTH, history is History.CONSTANT
-    judge(bank[0], readings, p, follower.x_m, follower.v_mps, oracle, constant, judged)
-    return judged
+    run_closed_loop(bank[0], readings, p, follower.x_m, follower.v_mps, oracle, constant, results)
+    return results
 
 
 @njit(cache=True, error_model="numpy")
-def judge(
-    row: Any, readings: Any, p: FilterParams, true_x_m: F64, true_v_mps: F64, oracle: bool, constant: bool, judged: Any
+def run_closed_loop(
+    row: Any, readings: Any, p: FilterParams, true_x_m: F64, true_v_mps: F64, oracle: bool, constant: bool, results: Any
 ) -> None:
     """`step` along a drive, with the experiment's history before it and its oracle after."""
     workspace = np.zeros(1, WORKSPACE)
     for k in range(readings.size):
         if constant and p.delay_s > 0.0 and row.count > 0:
             flatten_history(row, p.delay_s)
-        step(row, readings[k], p, judged[k], workspace[0])
-        if oracle and judged[k].anomalous:
-            stand_in_truth(row, true_x_m[k], true_v_mps[k], p, workspace[0])
-            judged[k].x_m = true_x_m[k]
-            judged[k].v_mps = true_v_mps[k]
+        step(row, readings[k], p, results[k], workspace[0])
+        if oracle and results[k].anomalous:
+            substitute_truth(row, true_x_m[k], true_v_mps[k], p, workspace[0])
+            results[k].x_m = true_x_m[k]
+            results[k].v_mps = true_v_mps[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -84,10 +84,10 @@ def flatten_history(row: Any, delay_s: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def stand_in_truth(row: Any, x_m: float, v_mps: float, p: FilterParams, workspace: Any) -> None:
+def substitute_truth(row: Any, x_m: float, v_mps: float, p: FilterParams, workspace: Any) -> None:
     """Update with the truth as the reading, then set s so that H s is the truth, in the newest memory as well.
 
-    Who knows the truth need not begin anew: the rejections are forgotten.
+    The count of rejections returns to 0, so that the oracle is never initialised again.
     """
     update(row, innovate(row, x_m, v_mps, p), p, workspace)
     row.s[0] = x_m - row.s[2] if row.s.size == 3 else x_m

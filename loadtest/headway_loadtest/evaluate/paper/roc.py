@@ -42,7 +42,7 @@ def closed_loop(flags_at: Callable[[float], Bools], anomalous: Bools, gates: F64
     Raises
     ------
     ValueError
-        When every sample is anomalous, or none: there is nothing to tell apart.
+        When every sample is anomalous, or none: there is nothing to separate.
     """
     if anomalous.all() or not anomalous.any():
         raise ValueError("an ROC needs anomalous and normal samples")

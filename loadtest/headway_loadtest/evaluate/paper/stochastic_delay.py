@@ -1,6 +1,6 @@
-"""Does a random delay act on the filter's input as equation `stochastic-delay` says? A Monte Carlo check.
+"""A Monte Carlo check of equation `stochastic-delay`: the effect of a random delay on the filter's input.
 
-With tau_s = tau + kappa, kappa ~ N(0, sigma^2), the input that is heard differs from the expected one by
+With tau_s = tau + kappa, kappa ~ N(0, sigma^2), the delayed input differs from the expected one by
 
     eps(kappa) = u(t - tau - kappa) - u(t - tau),    u = [x_leader, v_leader]
 
@@ -58,9 +58,9 @@ def eps_moments(leader: Leader, jitter_s: float, rng: np.random.Generator, draws
     inner = slice(margin, len(t_s) - margin)
     half = np.clip(rng.normal(0.0, jitter_s, (len(t_s[inner]), draws // 2)), -REACH * jitter_s, REACH * jitter_s)
     kappa = np.concatenate([half, -half], axis=1)
-    heard_s = t_s[inner, None] - kappa
-    before = np.clip((heard_s / INTERVAL_S).astype(int), 0, len(t_s) - 2)
-    past_s = heard_s - t_s[before]
+    delayed_s = t_s[inner, None] - kappa
+    before = np.clip((delayed_s / INTERVAL_S).astype(int), 0, len(t_s) - 2)
+    past_s = delayed_s - t_s[before]
     slope = (v[before + 1] - v[before]) / INTERVAL_S
     eps = np.stack(
         [

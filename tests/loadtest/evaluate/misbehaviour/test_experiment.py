@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from headway.core.consistency.pair_tests import pair_test_params
-from headway_loadtest.evaluate.misbehaviour.experiment import measure, onsets, readings_of, run_liars
+from headway_loadtest.evaluate.misbehaviour.experiment import measure, onsets, readings_of, run_misbehaviour
 from headway_loadtest.evaluate.misbehaviour.platoons import Platoon, synthetic
 
 
@@ -65,7 +65,7 @@ def test_the_follower_hears_what_the_leader_tells() -> None:
 def test_real_pairs(shared_data: Path) -> None:
     """Feigned brakes among drivers, what a range exposes, and the suspect in real platoons without it."""
     paths = [path for name in ("jiang", "napoli") for path in sorted((shared_data / "pairs" / name).glob("*.csv"))]
-    rows = {(row["set"], row["injection"], row["with_range"]): row for row in run_liars(paths, runs=1, seed=0)}
+    rows = {(row["set"], row["injection"], row["with_range"]): row for row in run_misbehaviour(paths, runs=1, seed=0)}
     assert rows["jiang", "feigned-brake", False]["recall_at_2pct_windows"] >= 0.97
     assert rows["napoli", "feigned-brake", False]["recall_at_2pct_windows"] >= 0.95
     for name in ("jiang", "napoli", "napoli-platoon"):

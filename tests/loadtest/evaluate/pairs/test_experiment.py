@@ -9,7 +9,7 @@ import pytest
 from headway.core.estimation import registry
 from headway.core.types.config import DetectorConfig
 from headway_loadtest.evaluate.pairs.command import evaluate_pairs
-from headway_loadtest.evaluate.pairs.drive import judge, load, stories
+from headway_loadtest.evaluate.pairs.drive import load, run_model, scenarios
 from headway_loadtest.evaluate.pairs.experiment import PairsProtocol, run_pairs
 from headway_loadtest.inject.faults import Kind
 from headway_loadtest.sources.drive import SourceError
@@ -49,7 +49,7 @@ def test_what_a_model_is_warmed_up_for_is_what_a_drive_needs(pair_file) -> None:
     model.warm_up()
     warm = list(model.step_batch.signatures)
     pair = load(pair_file)
-    judge(model, pair, stories(pair, 0, (1.0,), ("all",), 1, 0), 0)
+    run_model(model, pair, scenarios(pair, 0, (1.0,), ("all",), 1, 0), 0)
     assert model.step_batch.signatures == warm
 
 
@@ -77,19 +77,19 @@ def test_the_same_seed_gives_the_same_numbers_in_one_process_or_two(result, pair
 
 def test_a_single_kind_can_be_asked_for(pair_file) -> None:
     pair = load(pair_file)
-    told = stories(pair, 0, (0.5,), ("bias", "short"), 1, 0)
-    assert [(one.severity, one.kind) for one in told] == [(0.0, "none"), (0.5, "bias"), (0.5, "short")]
-    assert not told[0].corrupted.events
-    assert {event.kind for event in told[1].corrupted.events} == {Kind.BIAS}
-    assert {event.kind for event in told[2].corrupted.events} == {Kind.SHORT}
+    drives = scenarios(pair, 0, (0.5,), ("bias", "short"), 1, 0)
+    assert [(one.severity, one.kind) for one in drives] == [(0.0, "none"), (0.5, "bias"), (0.5, "short")]
+    assert not drives[0].corrupted.events
+    assert {event.kind for event in drives[1].corrupted.events} == {Kind.BIAS}
+    assert {event.kind for event in drives[2].corrupted.events} == {Kind.SHORT}
 
 
 def test_a_short_pair_is_driven_more_than_once_and_lied_about_anew(pair_file, tmp_path) -> None:
     short = tmp_path / "short.csv"
     short.write_text("\n".join(pair_file.read_text().splitlines()[:1200]), encoding="utf-8")
-    told = stories(load(short), 0, (), (), 1, 0)
-    assert len(told) == 6
-    for one, other in pairwise(told):
+    drives = scenarios(load(short), 0, (), (), 1, 0)
+    assert len(drives) == 6
+    for one, other in pairwise(drives):
         assert (one.corrupted.x_m != other.corrupted.x_m).all()
 
 
@@ -106,9 +106,9 @@ def test_a_short_pair_is_driven_more_than_once_and_lied_about_anew(pair_file, tm
 )
 def test_an_option_that_cannot_be_is_one_line_and_status_2(pair_file, capsys, changes, word: str) -> None:
     assert evaluate_pairs([pair_file], PairsProtocol(**changes)) == 2
-    said = capsys.readouterr().err.strip()
-    assert word in said
-    assert "\n" not in said
+    named = capsys.readouterr().err.strip()
+    assert word in named
+    assert "\n" not in named
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path, capsys) -> None:

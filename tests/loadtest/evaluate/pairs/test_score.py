@@ -5,7 +5,7 @@ import pytest
 
 from headway.core.runtime.rows import verdicts
 from headway.core.types import records
-from headway_loadtest.evaluate.pairs.drive import Pair, Story
+from headway_loadtest.evaluate.pairs.drive import Pair, Scenario
 from headway_loadtest.evaluate.pairs.score import auc, episodes, gate_for, score, summary, total
 from headway_loadtest.inject.faults import Corrupted, Injected, Kind, Sensor
 
@@ -13,7 +13,7 @@ N = 100
 
 
 def drive(events, alarms, sensor=records.Sensor.LOCATION, kind=records.Kind.BIAS, offset=2.0, left=0.5):
-    """A car at rest; lies of `offset`, of which `left` remains in the estimate; alarms at the given samples."""
+    """A car at rest; faults of `offset`, of which `left` remains in the estimate; alarms at the given samples."""
     zero = np.zeros(N)
     x, v = zero.copy(), zero.copy()
     x_kind, v_kind = np.zeros(N, np.uint8), np.zeros(N, np.uint8)
@@ -22,14 +22,14 @@ def drive(events, alarms, sensor=records.Sensor.LOCATION, kind=records.Kind.BIAS
         readings, codes = (x, x_kind) if event.sensor is Sensor.LOCATION else (v, v_kind)
         readings[place] += offset
         codes[place] = event.kind
-    judged = verdicts(N)
-    judged["statistic"][alarms], judged["anomalous"][alarms] = 5.0, True
-    judged["sensor"][alarms], judged["kind"][alarms] = sensor, kind
-    judged["x_m"][x_kind > 0], judged["v_mps"][v_kind > 0] = left, left
-    judged["warming"][:10] = True
+    results = verdicts(N)
+    results["statistic"][alarms], results["anomalous"][alarms] = 5.0, True
+    results["sensor"][alarms], results["kind"][alarms] = sensor, kind
+    results["x_m"][x_kind > 0], results["v_mps"][v_kind > 0] = left, left
+    results["warming"][:10] = True
     pair = Pair("set", 0.1 * np.arange(N), zero, zero, 5.0, zero, zero)
-    story = Story(1.0, "all", Corrupted(x, v, np.ones(N, np.bool_), x_kind, v_kind, tuple(events)))
-    return score(pair, story, judged)
+    scenario = Scenario(1.0, "all", Corrupted(x, v, np.ones(N, np.bool_), x_kind, v_kind, tuple(events)))
+    return score(pair, scenario, results)
 
 
 BIAS = Injected(Sensor.LOCATION, Kind.BIAS, 30, 40)

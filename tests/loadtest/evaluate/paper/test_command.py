@@ -14,8 +14,16 @@ SMALL = Protocol(runs=1)
 
 def test_json_is_all_there_is_on_standard_output(leader_csv: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert evaluate_paper(leader_csv, SMALL, as_json=True, processes=1) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {"table1", "table2", "seeds", "mean_absolute_deviation", "recovery", "history", "deviations"} <= told.keys()
+    printed = json.loads(capsys.readouterr().out)
+    assert {
+        "table1",
+        "table2",
+        "seeds",
+        "mean_absolute_deviation",
+        "recovery",
+        "history",
+        "deviations",
+    } <= printed.keys()
 
 
 def test_a_reader_gets_both_recoveries_and_the_printed_values(leader_csv: Path, capsys, monkeypatch) -> None:
@@ -43,27 +51,27 @@ def test_a_report_holds_every_figure_and_every_deviation(leader_csv: Path, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("protocol", "told"),
+    ("protocol", "message"),
     [
         (Protocol(runs=0), "--runs must be 1 or more, not 0"),
         (Protocol(delay_jitter_s=-0.1), "--delay-jitter is in s, 0 to 1, not -0.1"),
         (Protocol(delay_jitter_s=float("nan")), "--delay-jitter is in s, 0 to 1, not nan"),
     ],
 )
-def test_an_option_that_cannot_be_gets_one_line(leader_csv: Path, capsys, protocol: Protocol, told: str) -> None:
+def test_an_option_that_cannot_be_gets_one_line(leader_csv: Path, capsys, protocol: Protocol, message: str) -> None:
     assert evaluate_paper(leader_csv, protocol) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err == f"headway evaluate paper: {told}\n"
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err == f"headway evaluate paper: {message}\n"
 
 
 def test_a_bad_leader_file_gets_one_line_and_nothing_else(leader_csv: Path, capsys) -> None:
     leader_csv.write_text("t_s,x_m\n0,0\n", encoding="utf-8")
     assert evaluate_paper(leader_csv, SMALL) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.count("\n") == 1
-    assert "no column v_mps" in said.err
+    output = capsys.readouterr()
+    assert output.out == ""
+    assert output.err.count("\n") == 1
+    assert "no column v_mps" in output.err
 
 
 def test_a_report_into_a_file_is_refused(leader_csv: Path, capsys) -> None:

@@ -16,9 +16,9 @@ SHORT_OF = 0.01
 
 def test_it_does_not_depend_on_what_else_is_judged_beside_it(leader: Leader) -> None:
     follower = drive(leader, 0.5, 0.0, 1)
-    lies = {severity: corrupt(follower, severity, 1) for severity in (1.0, 0.1)}
-    together = default_aucs(lies, 0.5)
-    assert together == {severity: default_aucs({severity: told}, 0.5)[severity] for severity, told in lies.items()}
+    corrupted = {severity: corrupt(follower, severity, 1) for severity in (1.0, 0.1)}
+    together = default_aucs(corrupted, 0.5)
+    assert together == {severity: default_aucs({severity: one}, 0.5)[severity] for severity, one in corrupted.items()}
     assert together[1.0] > together[0.1] > 0.5
 
 

@@ -57,19 +57,19 @@ def test_progress_counts_every_part(leader: Leader) -> None:
 
 
 def test_the_result_says_what_was_run(leader: Leader) -> None:
-    told = json.loads(json.dumps(run_paper(leader, Protocol(runs=2, seed=40)).to_json(), allow_nan=False))
-    assert told["seeds"] == [40, 41]
-    assert (told["recovery"], told["history"]) == ("ground-truth", "constant")
-    assert len(told["table1"]) == 18
-    assert len(told["table2"]) == 6
-    assert [(row["delay_s"], row["severity"]) for row in told["headway"]] == list(product(DELAYS_S, SEVERITIES))
-    for row in told["headway"]:
+    result = json.loads(json.dumps(run_paper(leader, Protocol(runs=2, seed=40)).to_json(), allow_nan=False))
+    assert result["seeds"] == [40, 41]
+    assert (result["recovery"], result["history"]) == ("ground-truth", "constant")
+    assert len(result["table1"]) == 18
+    assert len(result["table2"]) == 6
+    assert [(row["delay_s"], row["severity"]) for row in result["headway"]] == list(product(DELAYS_S, SEVERITIES))
+    for row in result["headway"]:
         assert row["printed"] == PRINTED_AUC["aekf", row["delay_s"], row["severity"]]
-    for row in told["table1"]:
+    for row in result["table1"]:
         assert row.keys() == {"model", "delay_s", "severity", "auc", "auc_std", "p_value", "printed"}
         assert 0.4 < row["auc"] < 1.0
-    printed = sum(abs(row["auc"] - row["printed"]) for row in told["table1"]) / 18
-    assert told["mean_absolute_deviation"] == pytest.approx(printed)
+    printed = sum(abs(row["auc"] - row["printed"]) for row in result["table1"]) / 18
+    assert result["mean_absolute_deviation"] == pytest.approx(printed)
 
 
 def test_one_run_has_no_spread_and_no_t_test(leader: Leader) -> None:

@@ -1,4 +1,4 @@
-"""The simulated follower is what the docs say of it: IDM, heard late, slipping, never clairvoyant."""
+"""The simulated follower as documented: IDM, a delayed leader, a biased position, and no knowledge of the future."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from headway_loadtest.evaluate.paper.follower import LENGTH_M, READING_STD, corr
 from headway_loadtest.evaluate.paper.leader import INTERVAL_S, Leader
 
 
-def test_without_delay_he_obeys_the_idm_and_does_not_slip(leader: Leader) -> None:
+def test_without_delay_the_follower_obeys_the_idm_and_has_no_speed_bias(leader: Leader) -> None:
     follower = drive(leader, 0.0, 0.0, seed=1)
     assert (follower.x_m[0], follower.v_mps[0]) == (5.0, 1.0)
     np.testing.assert_allclose(np.diff(follower.x_m), INTERVAL_S * follower.v_mps[1:], atol=1e-12)
@@ -17,15 +17,15 @@ def test_without_delay_he_obeys_the_idm_and_does_not_slip(leader: Leader) -> Non
         assert follower.v_mps[k + 1] == pytest.approx(max(0.0, follower.v_mps[k] + INTERVAL_S * f))
 
 
-def test_with_delay_his_location_slips_by_the_random_acceleration(leader: Leader) -> None:
+def test_with_delay_the_position_moves_by_the_random_acceleration(leader: Leader) -> None:
     follower = drive(leader, 1.5, 0.0, seed=1)
-    slip_mps = np.diff(follower.x_m) / INTERVAL_S - follower.v_mps[1:]
-    assert slip_mps.mean() / 1.5 == pytest.approx(-0.65, abs=0.04)
-    assert slip_mps.std() / 1.5 == pytest.approx(0.25, abs=0.03)
+    speed_bias_mps = np.diff(follower.x_m) / INTERVAL_S - follower.v_mps[1:]
+    assert speed_bias_mps.mean() / 1.5 == pytest.approx(-0.65, abs=0.04)
+    assert speed_bias_mps.std() / 1.5 == pytest.approx(0.25, abs=0.03)
 
 
 @pytest.mark.parametrize(("delay_s", "late"), [(0.0, 0), (0.5, 5), (1.5, 15)])
-def test_he_hears_the_leader_whole_samples_late(leader: Leader, delay_s: float, late: int) -> None:
+def test_the_leader_is_whole_samples_late(leader: Leader, delay_s: float, late: int) -> None:
     changed = Leader(leader.x_m, leader.v_mps.copy())
     changed.v_mps[100] += 1.0
     before, after = (drive(each, delay_s, 0.0, seed=1).v_mps for each in (leader, changed))

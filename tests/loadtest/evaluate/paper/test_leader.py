@@ -31,7 +31,7 @@ def test_columns_are_found_by_name(leader_csv: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "told"),
+    ("spoil", "message"),
     [
         (lambda rows: ["t_s,x_m,speed", *rows[1:]], "row 1: no column v_mps"),
         (lambda rows: ["t_s,v_mps", *[",".join(row.split(",")[::2]) for row in rows[1:]]], "row 1: no column x_m"),
@@ -51,10 +51,10 @@ def test_columns_are_found_by_name(leader_csv: Path) -> None:
         (lambda rows: rows[1:], "row 1: no column t_s, x_m, v_mps"),
     ],
 )
-def test_what_is_wrong_is_named_in_one_line(leader_csv: Path, spoil, told: str) -> None:
+def test_what_is_wrong_is_named_in_one_line(leader_csv: Path, spoil, message: str) -> None:
     with pytest.raises(LeaderFileError) as caught:
         read_leader(spoiled(leader_csv, spoil(lines(leader_csv))))
-    assert told in str(caught.value)
+    assert message in str(caught.value)
     assert str(leader_csv) in str(caught.value)
     assert "\n" not in str(caught.value)
 

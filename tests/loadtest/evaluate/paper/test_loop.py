@@ -15,10 +15,10 @@ from headway_loadtest.evaluate.paper.loop import (
     History,
     Recovery,
     flatten_history,
-    judge,
     params,
     run,
-    stand_in_truth,
+    run_closed_loop,
+    substitute_truth,
 )
 
 
@@ -28,7 +28,7 @@ def row_after(leader: Leader, model: str, samples: int):
     follower = drive(leader, 0.5, 0.0, seed=1)
     bank = np.zeros(1, paper_dtype(ORDERS[model], DELAY_MAX_S))
     read = follower.readings[:samples]
-    judge(bank[0], read, p, follower.x_m, follower.v_mps, False, False, verdicts(samples))
+    run_closed_loop(bank[0], read, p, follower.x_m, follower.v_mps, False, False, verdicts(samples))
     return bank, p
 
 
@@ -37,7 +37,7 @@ def test_the_oracle_leaves_no_innovation_to_the_truth(leader: Leader, model: str
     bank, p = row_after(leader, model, 100)
     predict(bank[0], 10.1, p, np.zeros(1, WORKSPACE)[0])
     before = bank[0]["P"].copy()
-    stand_in_truth(bank[0], 70.0, 12.0, p, np.zeros(1, WORKSPACE)[0])
+    substitute_truth(bank[0], 70.0, 12.0, p, np.zeros(1, WORKSPACE)[0])
     nu_x, nu_v, *_ = innovate(bank[0], 70.0, 12.0, p)
     assert (nu_x, nu_v) == pytest.approx((0.0, 0.0), abs=1e-12)
     assert np.trace(bank[0]["P"]) < np.trace(before)
@@ -65,13 +65,13 @@ def test_the_histories_agree_without_delay_and_differ_with_it(leader: Leader) ->
 
 def test_only_the_oracle_puts_the_truth_in_place_of_a_rejected_reading(leader: Leader) -> None:
     follower = drive(leader, 0.5, 0.0, seed=1)
-    lies = corrupt(follower, 1.0, seed=1)
+    corrupted = corrupt(follower, 1.0, seed=1)
     p = params("aekf", 0.5)._replace(gate=1.0)
     for recovery in Recovery:
-        judged = run("aekf", p, follower, lies.readings, recovery, History.CONSTANT)
-        rejected = judged["anomalous"]
+        results = run("aekf", p, follower, corrupted.readings, recovery, History.CONSTANT)
+        rejected = results["anomalous"]
         assert rejected.any()
-        is_true = np.array_equal(judged["x_m"][rejected], follower.x_m[rejected])
+        is_true = np.array_equal(results["x_m"][rejected], follower.x_m[rejected])
         assert is_true is (recovery is Recovery.GROUND_TRUTH)
 
 
