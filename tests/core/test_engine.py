@@ -64,7 +64,11 @@ def test_a_false_location_is_an_event_that_names_the_sensor_and_carries_its_evid
     assert onset.evidence is not None
     assert onset.evidence.readings["x_m"][-1] - onset.recovered[0] == pytest.approx(8.0, abs=0.5)
     cleared = drive(engine, platoon, 15)
-    assert [(event.phase, event.event_id) for event in cleared] == [(Phase.CLEARED, onset.event_id)]
+    assert onset.kind is Kind.UNKNOWN
+    assert [(event.phase, event.kind, event.event_id) for event in cleared] == [
+        (Phase.UPDATE, Kind.SHORT, onset.event_id),
+        (Phase.CLEARED, Kind.SHORT, onset.event_id),
+    ]
 
 
 def test_a_rejected_reading_is_not_passed_on_to_the_follower() -> None:

@@ -9,7 +9,7 @@ from sim.clock import START_US
 
 NAMES = ["car0", "car1", "car2"]
 LENGTH_M, GAP_M = 4.5, 25.0
-CONSISTENT_FROM_S = 16.0
+CONSISTENT_FROM_S = 22.0
 
 
 class Instant(NamedTuple):
@@ -23,7 +23,7 @@ class Instant(NamedTuple):
     """NaN for the first one."""
 
 
-def drive(seed: int, seconds: float = 24.0) -> Iterator[Instant]:
+def drive(seed: int, seconds: float = 30.0) -> Iterator[Instant]:
     """Yield the instants, 0.1 s apart; some are lost."""
     rng = np.random.default_rng(seed)
     cars = len(NAMES)

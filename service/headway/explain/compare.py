@@ -94,8 +94,8 @@ def to_json(explained: Sequence[Explained]) -> dict[str, Any]:
 def _compared(event: Event, verdict: np.void) -> list[Number]:
     """Compare the values of an update with the verdict on its last reading.
 
-    Two values do not follow from a single row and are left out: suspect and confidence of a test between two cars, and
-    the kind of a cleared event, which is that of its last alarm.
+    Some values do not follow from a single row and are left out: suspect and confidence of a test between two cars, the
+    kind that an onset leaves open, and what becomes of a single odd reading in an event that began before.
     """
     numbers = [
         Number(name, getattr(event, name), _finite(verdict[name])) for name in ("statistic", "gate", "p_value", "nis")
@@ -107,9 +107,12 @@ def _compared(event: Event, verdict: np.void) -> list[Number]:
     if event.recovered is not None:
         recovered = event.recovered.model_dump()
         numbers += [Number(f"recovered.{name}", value, _finite(verdict[name])) for name, value in recovered.items()]
-    numbers.append(Number("anomalous", event.phase is not Phase.CLEARED, bool(verdict["anomalous"])))
-    if event.phase is not Phase.CLEARED:
-        numbers.append(Number("kind", event.kind.value, Kind(int(verdict["kind"])).label))
+    if event.phase is not Phase.UPDATE:
+        numbers.append(Number("anomalous", event.phase is Phase.ONSET, bool(verdict["anomalous"])))
+    if event.phase is not Phase.CLEARED and verdict["anomalous"]:
+        kind = Kind(int(verdict["kind"]))
+        if kind is not Kind.SHORT and event.kind is not wire.Kind.UNKNOWN:
+            numbers.append(Number("kind", event.kind.value, kind.label))
         numbers.append(Number("sensor", event.sensor.value, Sensor(int(verdict["sensor"])).label))
     if event.sensor is not wire.Sensor.LINK:
         numbers.append(Number("confidence", event.confidence, _finite(verdict["confidence"])))

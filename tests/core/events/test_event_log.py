@@ -40,9 +40,9 @@ def test_onset_then_quiet_then_cleared_under_one_id() -> None:
     car = Follower()
     [onset] = car.reads(True)
     events = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)]
-    assert [onset.phase] + [event.phase for event in events] == [Phase.ONSET, Phase.CLEARED]
-    assert events[0].event_id == onset.event_id
-    assert (events[0].kind, events[0].sensor) == (Kind.SHORT, Sensor.LOCATION)
+    assert (onset.phase, onset.kind) == (Phase.ONSET, Kind.UNKNOWN)
+    assert [(event.phase, event.kind) for event in events] == [(Phase.UPDATE, Kind.SHORT), (Phase.CLEARED, Kind.SHORT)]
+    assert {(event.event_id, event.sensor) for event in (onset, *events)} == {(onset.event_id, Sensor.LOCATION)}
     assert len(car.log) == 0
     assert car.reads(False) == []
 
@@ -68,7 +68,8 @@ def test_a_change_too_soon_for_an_update_is_part_of_the_last_one() -> None:
     car = Follower()
     car.reads(True, Kind.SHORT)
     assert car.reads(True, Kind.BIAS, Sensor.SPEED) == []
-    [cleared] = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)]
+    update, cleared = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)]
+    assert (update.phase, update.kind, update.sensor) == (Phase.UPDATE, Kind.BIAS, Sensor.SPEED)
     assert (cleared.phase, cleared.kind, cleared.sensor) == (Phase.CLEARED, Kind.BIAS, Sensor.SPEED)
 
 
@@ -80,9 +81,74 @@ def test_a_long_event_is_restated_every_second() -> None:
 
 def test_a_relapse_before_the_end_is_the_same_event() -> None:
     car = Follower()
-    [onset] = car.reads(True)
+    events = car.reads(True)
     for _ in range(CLEAR_AFTER_READINGS - 1):
-        assert car.reads(False) == []
-    [update] = car.reads(True)
-    assert (update.phase, update.event_id) == (Phase.UPDATE, onset.event_id)
+        events += car.reads(False)
+    for _ in range(3):
+        events += car.reads(True)
+    assert [event.phase for event in events] == [Phase.ONSET, Phase.UPDATE, Phase.UPDATE]
+    assert len({event.event_id for event in events}) == 1
     assert len(car.log) == 1
+
+
+class Pair:
+    """A leader and its follower, with the log of their own events and that of the pair tests."""
+
+    def __init__(self) -> None:
+        self.vehicles = VehicleTable(2)
+        self.leader, self.follower = self.vehicles.admit(["a", "b"])
+        evidence = EvidenceStore(np.zeros(2, np.dtype([("count", "i8")])), 8)
+        self.own, self.pair = (EventLog(self.vehicles, evidence, 2, suffix) for suffix in ("", "-link"))
+        self.t_us = 1_000_000
+
+    def reads(self, log: EventLog, row: int, suspect: int, kind: Kind, sensor: Sensor) -> list[AnomalyEvent]:
+        verdict = banks.verdicts(1)
+        verdict["anomalous"], verdict["kind"], verdict["sensor"] = kind is not Kind.NONE, kind, sensor
+        self.t_us += STEP_US
+        t_us, leader = np.array([self.t_us]), np.array([self.leader if row == self.follower else -1])
+        if log is self.own:
+            log.take_over(self.pair, np.array([row])[verdict["anomalous"]])
+        return log.update(np.array([row]), np.array([suspect]), leader, t_us, t_us, verdict)
+
+
+def test_a_fault_of_the_suspect_continues_the_event_of_the_pair() -> None:
+    cars = Pair()
+    [onset] = cars.reads(cars.pair, cars.follower, cars.leader, Kind.RESPONSE, Sensor.LINK)
+    for _ in range(3):
+        updates = cars.reads(cars.own, cars.leader, cars.leader, Kind.BIAS, Sensor.SPEED)
+    assert [(event.event_id, event.kind, event.suspect) for event in updates] == [(onset.event_id, Kind.BIAS, "a")]
+    assert (len(cars.pair), len(cars.own)) == (0, 1)
+
+
+def test_a_fault_of_the_other_one_is_an_event_of_its_own() -> None:
+    cars = Pair()
+    cars.reads(cars.pair, cars.follower, cars.follower, Kind.RESPONSE, Sensor.LINK)
+    [onset] = cars.reads(cars.own, cars.leader, cars.leader, Kind.BIAS, Sensor.SPEED)
+    assert (onset.phase, onset.suspect) == (Phase.ONSET, "a")
+    assert (len(cars.pair), len(cars.own)) == (1, 1)
+
+
+def test_a_changed_suspect_is_an_update() -> None:
+    cars = Pair()
+    cars.reads(cars.pair, cars.follower, cars.follower, Kind.RESPONSE, Sensor.LINK)
+    for _ in range(3):
+        updates = cars.reads(cars.pair, cars.follower, cars.leader, Kind.RESPONSE, Sensor.LINK)
+    assert [(event.phase, event.suspect) for event in updates] == [(Phase.UPDATE, "a")]
+
+
+def test_an_event_explains_what_its_neighbours_do_until_five_seconds_after_it() -> None:
+    cars = Pair()
+    rows, none = np.array([cars.leader]), np.array([-1])
+
+    def explained(after_s: float) -> tuple[bool, bool]:
+        t_us = np.array([cars.t_us + int(after_s * 1e6)])
+        return bool(cars.own.explains(rows, t_us)[0]), bool(cars.own.explains(none, t_us)[0])
+
+    cars.t_us += 100_000_000
+    assert explained(0.0) == (False, False)
+    cars.reads(cars.own, cars.leader, cars.leader, Kind.BIAS, Sensor.SPEED)
+    assert explained(100.0) == (True, False)
+    for _ in range(CLEAR_AFTER_READINGS):
+        cars.reads(cars.own, cars.leader, cars.leader, Kind.NONE, Sensor.NONE)
+    assert explained(4.9) == (True, False)
+    assert explained(5.1) == (False, False)

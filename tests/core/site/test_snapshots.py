@@ -58,8 +58,8 @@ def test_the_restored_engine_continues_bit_for_bit(stride: int) -> None:
             again = replay(event.evidence, CONFIG).by_filter[-1]
             assert (float(again["statistic"]), float(again["x_m"])) == (event.statistic, event.recovered[0])
     assert [(event.suspect, event.phase) for event in events] == [
-        ("car2", Phase.ONSET), ("car2", Phase.CLEARED), ("car1", Phase.ONSET), ("car1", Phase.CLEARED),
-    ]  # fmt: skip
+        (car, phase) for car in ("car2", "car1") for phase in (Phase.ONSET, Phase.UPDATE, Phase.CLEARED)
+    ]
 
 
 def test_after_a_short_absence_vehicles_are_known_and_none_is_missed() -> None:

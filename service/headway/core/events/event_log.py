@@ -1,4 +1,8 @@
-"""From verdicts to events: onset, update, cleared; at most one open event for each vehicle, with one id throughout."""
+"""From verdicts to events: onset, update, cleared; at most one open event for each vehicle, with one id throughout.
+
+A first reading beyond the gate does not say whether more follow, so an onset does not call a fault short. An update
+with the kind follows as soon as the next readings show it.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -18,6 +22,9 @@ CLEAR_AFTER_READINGS = 10
 
 UPDATE_EVERY_US = 1_000_000
 
+EXPLAINS_US = 5_000_000
+"""For so long after a vehicle's event its neighbours still respond to what it sent."""
+
 CHANGE_AFTER_US = 250_000
 """Least time between an event update and one with another kind or sensor: the kind of some faults alternates."""
 
@@ -27,12 +34,14 @@ class _Open:
     """An open event."""
 
     event_id: str
+    suspect: int
     kind: Kind
     sensor: Sensor
-    """Kind and sensor are those of the newest alarm, published or not."""
+    """Suspect (a row), kind and sensor are those of the newest alarm, published or not."""
     updated_us: int
     changed: bool = False
     readings_below_gate: int = 0
+    kind_published: bool = False
 
 
 class _Subject(NamedTuple):
@@ -54,6 +63,7 @@ class EventLog:
         self._evidence = evidence
         self._open: dict[int, _Open] = {}
         self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+        self._cleared_us = np.zeros(capacity, np.int64)
 
     def __len__(self) -> int:
         """Return the number of open events."""
@@ -77,7 +87,27 @@ class EventLog:
             if phase is not None:
                 events.append(self._event(phase, of, verdicts[i]))
             if phase is Phase.CLEARED:
+                self._cleared_us[of.row] = of.t_us
                 self.drop(of.row)
+        return events
+
+    def explains(self, rows: I64, t_us: I64) -> NDArray[np.bool_]:
+        """Return (n,) whether an event of each row, -1 for none, is open or ended so recently that it lasts on."""
+        return (rows >= 0) & (self.active[rows] | (t_us - self._cleared_us[rows] < EXPLAINS_US))
+
+    def take_over(self, other: "EventLog", rows: I64) -> None:
+        """Continue events of another log that suspect any of `rows` (n,), where this one has none yet."""
+        wanted = set(rows[~self.active[rows]].tolist()) if len(other) else set()
+        for event in other.release(wanted):
+            self._open[event.suspect] = event
+            self.active[event.suspect] = True
+
+    def release(self, suspects: set[int]) -> list[_Open]:
+        """Close the newest event that names each of `suspects` (rows), without an event update, and return them."""
+        released = {event.suspect: row for row, event in self._open.items() if event.suspect in suspects}
+        events = [self._open[row] for row in released.values()]
+        for row in released.values():
+            self.drop(row)
         return events
 
     def drop(self, row: int) -> None:
@@ -89,7 +119,17 @@ class EventLog:
         """Return the open events of `rows` (n,)."""
         of = [(int(row), self._open[int(row)]) for row in rows[self.active[rows]]]
         return [
-            OpenEvent(row, e.event_id, int(e.kind), int(e.sensor), e.updated_us, e.changed, e.readings_below_gate)
+            OpenEvent(
+                row,
+                e.event_id,
+                e.suspect,
+                int(e.kind),
+                int(e.sensor),
+                e.updated_us,
+                e.changed,
+                e.readings_below_gate,
+                e.kind_published,
+            )
             for row, e in of
         ]
 
@@ -98,11 +138,13 @@ class EventLog:
         for event in events:
             self._open[event.row] = _Open(
                 event.event_id,
+                event.suspect,
                 Kind(event.kind),
                 Sensor(event.sensor),
                 event.updated_us,
                 event.changed,
                 event.readings_below_gate,
+                event.kind_published,
             )
             self.active[event.row] = True
 
@@ -110,19 +152,30 @@ class EventLog:
         row, t_us = of.row, of.t_us
         event = self._open.get(row)
         if event is None:
-            vehicle = self._vehicles.id_of[row]
-            self._open[row] = _Open(f"{vehicle}-{t_us}{self._suffix}", Kind(kind), Sensor(sensor), t_us)
+            event_id = f"{self._vehicles.id_of[row]}-{t_us}{self._suffix}"
+            published = Kind(kind) not in (Kind.SHORT, Kind.UNKNOWN)
+            self._open[row] = _Open(event_id, of.suspect, Kind(kind), Sensor(sensor), t_us, kind_published=published)
             self.active[row] = True
             return Phase.ONSET
         if not anomalous:
             event.readings_below_gate += 1
-            return Phase.CLEARED if event.readings_below_gate >= CLEAR_AFTER_READINGS else None
+            if event.kind is Kind.UNKNOWN:
+                event.kind = Kind.SHORT  # over before anything else was known of it
+            if event.readings_below_gate >= CLEAR_AFTER_READINGS:
+                return Phase.CLEARED
+            return self._publish(event, t_us) if not event.kind_published else None
         event.readings_below_gate = 0
-        if (kind, sensor) != (event.kind, event.sensor):
-            event.kind, event.sensor, event.changed = Kind(kind), Sensor(sensor), True
+        if kind == Kind.SHORT and event.kind is not Kind.UNKNOWN:
+            kind = event.kind  # one more odd reading of a fault that is known already
+        if (kind, sensor, of.suspect) != (event.kind, event.sensor, event.suspect):
+            event.kind, event.sensor, event.suspect, event.changed = Kind(kind), Sensor(sensor), of.suspect, True
         if t_us - event.updated_us < (CHANGE_AFTER_US if event.changed else UPDATE_EVERY_US):
             return None
-        event.updated_us, event.changed = t_us, False
+        return self._publish(event, t_us)
+
+    @staticmethod
+    def _publish(event: _Open, t_us: int) -> Phase:
+        event.updated_us, event.changed, event.kind_published = t_us, False, event.kind is not Kind.UNKNOWN
         return Phase.UPDATE
 
     def _event(self, phase: Phase, of: _Subject, verdict: np.void) -> AnomalyEvent:
@@ -133,7 +186,7 @@ class EventLog:
         return AnomalyEvent(
             event_id=event.event_id,
             phase=phase,
-            kind=event.kind,
+            kind=event.kind if event.kind_published or phase is Phase.CLEARED else Kind.UNKNOWN,
             sensor=event.sensor,
             confidence=float(verdict["confidence"]),
             suspect=suspect,

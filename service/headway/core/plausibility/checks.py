@@ -194,6 +194,6 @@ def combine(rows: Any, at: Any, p: Limits, verdicts: Any) -> None:
         sensor = verdict.implausible
         if not verdict.anomalous:
             verdict.statistic, verdict.gate, verdict.p_value = score_of(row, p), ON, 0.0
-        if not (verdict.anomalous and verdict.sensor & sensor and verdict.kind != _SHORT):
+        if not (verdict.anomalous and verdict.sensor & sensor):
             verdict.kind, verdict.confidence = kind_of(row), 0.5
         verdict.anomalous, verdict.sensor = True, sensor

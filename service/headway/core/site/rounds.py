@@ -135,9 +135,15 @@ class RoundProcessor:
         at = np.flatnonzero(marks & FILTER_EVENT)
         if at.size:
             row = rows[at]
+            self._site.events.take_over(self._site.pair_events, row[verdicts["anomalous"][at]])
             tally.events += self._site.events.update(row, row, leaders[at], t_us[at], received_us[at], verdicts[at])
         at = np.flatnonzero(marks & PAIR_EVENT)
         if at.size:
+            # One cause, one event: a vehicle whose own readings are at fault explains what the pair tests find.
+            explained = self._site.events.explains(rows[at], t_us[at]) | self._site.events.explains(
+                leaders[at], t_us[at]
+            )
+            finalised.pair_verdicts["kind"][at[explained]] = Kind.NONE
             found, odds = finalised.pair_verdicts[at], finalised.pair_verdicts["follower_log_odds"][at]
             pair = pair_verdicts(found, verdicts[at])
             suspects = np.where((odds < 0.0) & (leaders[at] >= 0), leaders[at], rows[at])

@@ -15,6 +15,8 @@ class OpenEvent(NamedTuple):
 
     row: int
     event_id: str
+    suspect: int
+    """Row of the vehicle that the event names."""
     kind: int
     sensor: int
     updated_us: int
@@ -23,6 +25,8 @@ class OpenEvent(NamedTuple):
     """Whether kind or sensor changed since."""
     readings_below_gate: int
     """In a row, up to now."""
+    kind_published: bool
+    """Whether an event update has named the kind."""
 
 
 class OpenMiss(NamedTuple):
