@@ -18,7 +18,7 @@ from headway.core.plausibility.state import ODD_READING, SPEED_CHANGE, SPEED_FRO
 _RUN_LOG_PROBABILITY = -18.0  # ln of how often a run of equal speeds may be that long by chance
 _DITHERS_MIN = 50.0
 _DITHERS_MEMORY = 200.0
-_DITHER_SHARE_MIN = 0.03  # rho = 0.35 has 0.024, rho = 0.5 has 0.08
+_DITHER_SHARE_MIN = 0.02  # rho = 0.25 has 0.008, rho = 0.35 has 0.024, rho = 0.5 has 0.08
 _ROUNDING = 1.0 / 12.0  # variance of rounding, in resolutions^2
 _MOVING_MPS = 2.0
 _HELD_MOST_S = 1.0  # a speed is brought up to date once a second at least
