@@ -128,6 +128,13 @@ class Settings(BaseSettings):
         64 << 20, "Most bytes that wait; beyond it the oldest message is shed.", "B", ge=1 << 16, le=1 << 34
     )
     queue_age_limit_s: float = _setting(1.0, "A message that waited longer is shed as `stale`.", "s", ge=0.1, le=60)
+    sender_rate_hz: int = _setting(
+        100,
+        "Most messages a second of one vehicle (a message above 4 kB counts as several); others are `rate_exceeded`.",
+        "Hz",
+        ge=1,
+        le=1_000_000,
+    )
     payload_bytes_limit: int = _setting(
         64 << 10, "A larger payload is rejected as `payload_too_large`.", "B", ge=64, le=1 << 26
     )

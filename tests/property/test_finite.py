@@ -62,7 +62,9 @@ def assert_finite(verdict: np.void) -> None:
 @pytest.mark.parametrize("model", MODELS)
 @settings(max_examples=60)
 @given(
-    steps=st.lists(STEPS, min_size=2, max_size=60), heading=st.sampled_from([0.0, 180.0, 359.9, np.nan]), data=st.data()
+    steps=st.lists(STEPS, min_size=2, max_size=60),
+    heading=st.sampled_from([0.0, 180.0, 359.9, np.nan]),
+    spins=st.booleans(),
 )
 def test_no_valid_record_leaves_a_number_that_is_none(model, steps, heading, spins) -> None:
     engine, t_us = Engine(DetectorConfig(model=model, vehicle_capacity=2)), START_US

@@ -53,7 +53,7 @@ def test_what_a_full_queue_sheds_is_accounted_for_by_its_records() -> None:
     simulated = world(5, queue_limit=1, garbled=0.2)
     ledger, bus = simulated.rig.ledger, simulated.rig.bus
     assert bus.shed > 50
-    assert ledger.lost == {"shed": bus.shed_records[Outcome.SHED], "stale": 0}
+    assert ledger.lost == {"shed": bus.shed_records[Outcome.SHED], "stale": 0, "rate_exceeded": 0}
     assert ledger.records == simulated.records
     assert bus.received == ledger.messages + bus.shed
 
@@ -87,7 +87,7 @@ def test_a_loop_that_falls_behind_processes_the_fresh_without_alarms_and_soon_ca
     ledger, bus = rig.ledger, rig.bus
     assert max(wait_s for _, wait_s in waited_s) == pytest.approx(1.0, abs=0.02)
     assert max(wait_s for now_s, wait_s in waited_s if now_s > 10.1) < 0.03
-    assert ledger.lost == {"shed": 0, "stale": bus.shed_records[Outcome.STALE]}
+    assert ledger.lost == {"shed": 0, "stale": bus.shed_records[Outcome.STALE], "rate_exceeded": 0}
     assert ledger[Outcome.STALE] > 300
     assert ledger.records == simulated.records
     missed = {alert["suspect"] for alert in simulated.published(Channel.ALERT) if alert["kind"] == "miss"}

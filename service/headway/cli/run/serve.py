@@ -65,7 +65,9 @@ def serve(loaded: Loaded) -> None:
     health, ledger, latencies = HealthState(clock), Ledger(), Latencies()
     codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
     age_limit_ns = int(settings.queue_age_limit_s * 1e9)
-    receive_queue = ReceiveQueue(settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in)
+    receive_queue = ReceiveQueue(
+        settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in, settings.sender_rate_hz
+    )
     bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue)
     engine = Engine(settings.detector())
     persistence = None

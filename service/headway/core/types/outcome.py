@@ -40,6 +40,7 @@ class Outcome(IntEnum):
     # By the loop, under overload.
     SHED = 40
     STALE = 41
+    RATE_EXCEEDED = 42
 
     @property
     def label(self) -> str:
@@ -52,7 +53,7 @@ class Outcome(IntEnum):
         return self > Outcome.WARMING
 
 
-LOSSES = (Outcome.SHED, Outcome.STALE)
-"""Records dropped before decoding: the queue was full, or they waited for too long."""
+LOSSES = (Outcome.SHED, Outcome.STALE, Outcome.RATE_EXCEEDED)
+"""Records dropped before decoding: the queue was full, they waited for too long, or their sender sends too many."""
 
 REJECTIONS = tuple(o for o in Outcome if o.is_rejection)
