@@ -73,7 +73,7 @@ BY_LABEL: Mapping[str, Kind] = MappingProxyType({kind.label: kind for kind in Ki
 class Spec:
     """What to inject. `c` variance (m^2 and (m/s)^2), `p` starts per sample, `samples` range of durations, inclusive.
 
-    `share` is the part of the vehicles that misbehave at all (1 = everyone), chosen by whoever replays.
+    `share` is the part of the vehicles that misbehave at all (1 = everyone), chosen by the replay.
     """
 
     c: float = 1.0

@@ -46,7 +46,7 @@ class Pair:
 
 
 @dataclass(frozen=True, slots=True)
-class Scenario:
+class InjectedDrive:
     """Readings of the follower in one drive: noise alone (`severity` 0), or noise and the faults of `corrupted`."""
 
     severity: float
@@ -79,9 +79,9 @@ def load(path: Path) -> Pair:
     )
 
 
-def scenarios(
+def injected_drives(
     pair: Pair, which: int, severities: Sequence[float], kinds: Sequence[str], runs: int, seed: int
-) -> list[Scenario]:
+) -> list[InjectedDrive]:
     """Return clean drives, and as many for each kind and severity; `which` is the pair's place in the list.
 
     There is one for each of `runs`, or more of a pair shorter than LEAST_S. A kind is a word of `inject.Kind` that
@@ -92,7 +92,7 @@ def scenarios(
         rng = np.random.default_rng([seed, which, run])
         for severity, kind in [(0.0, NONE), *((severity, kind) for severity in severities for kind in kinds)]:
             spec = Spec(c=severity or 1.0, p=STARTS_PER_SAMPLE if severity else 0.0, kinds=_kinds(kind))
-            made.append(Scenario(severity, kind, inject(rng, *_noisy(rng, pair), spec)))
+            made.append(InjectedDrive(severity, kind, inject(rng, *_noisy(rng, pair), spec)))
     return made
 
 
@@ -105,14 +105,14 @@ def _noisy(rng: np.random.Generator, pair: Pair) -> tuple[F64, F64]:
     return pair.x_m + rng.normal(0.0, READING_NOISE, n), pair.v_mps + rng.normal(0.0, READING_NOISE, n)
 
 
-def run_model(model: Model, pair: Pair, drives: Sequence[Scenario], seed: int) -> Records:
-    """Return the VERDICT of every reading, (n, scenarios): each scenario has its own row of the bank."""
+def run_model(model: Model, pair: Pair, drives: Sequence[InjectedDrive], seed: int) -> Records:
+    """Return the VERDICT of every reading, (n, drives): each drive has its own row of the bank."""
     n, m = len(pair.t_s), len(drives)
     rng = np.random.default_rng(seed)
     readings = banks.readings(n * m).reshape(n, m)
     readings["t_s"] = readings["leader_t_s"] = pair.t_s[:, None]
-    readings["x_m"] = np.stack([scenario.corrupted.x_m for scenario in drives], axis=1)
-    readings["v_mps"] = np.stack([scenario.corrupted.v_mps for scenario in drives], axis=1)
+    readings["x_m"] = np.stack([injected.corrupted.x_m for injected in drives], axis=1)
+    readings["v_mps"] = np.stack([injected.corrupted.v_mps for injected in drives], axis=1)
     readings["leader_x_m"] = pair.leader_x_m[:, None] + rng.normal(0.0, READING_NOISE, (n, m))
     readings["leader_v_mps"] = pair.leader_v_mps[:, None] + rng.normal(0.0, READING_NOISE, (n, m))
     readings["leader_length_m"] = pair.leader_length_m

@@ -19,7 +19,7 @@ import numpy as np
 from headway.core.estimation import registry
 from headway.core.estimation.registry import Model
 from headway.core.types.config import DetectorConfig
-from headway_loadtest.evaluate.pairs.drive import Pair, load, pair_files, run_model, scenarios
+from headway_loadtest.evaluate.pairs.drive import Pair, injected_drives, load, pair_files, run_model
 from headway_loadtest.evaluate.pairs.score import Score, gate_for, score, summary, total
 from headway_loadtest.sources.drive import F64
 
@@ -136,16 +136,16 @@ def _takes_gate(part: PairRun) -> bool:
 def clean_statistics(part: PairRun) -> list[tuple[F64, float]]:
     """Return statistic and hours of each clean drive, without any rejection."""
     p = part.protocol
-    drives = scenarios(part.pair, part.which, (), (), p.runs, p.seed)
+    drives = injected_drives(part.pair, part.which, (), (), p.runs, p.seed)
     results = run_model(_model(replace(part, gate=np.inf)), part.pair, drives, p.seed)
     warm = ~results["warming"][:, 0]
     return [(results["statistic"][warm, k].copy(), part.pair.hours) for k in range(len(drives))]
 
 
 def measure(part: PairRun) -> list[tuple[Condition, Score]]:
-    """Score every scenario of one pair with one model."""
+    """Score every drive of one pair with one model."""
     p = part.protocol
-    drives = scenarios(part.pair, part.which, p.severities, p.kinds, p.runs, p.seed)
+    drives = injected_drives(part.pair, part.which, p.severities, p.kinds, p.runs, p.seed)
     results = run_model(_model(part), part.pair, drives, p.seed)
     return [((one.severity, one.kind), score(part.pair, one, results[:, k])) for k, one in enumerate(drives)]
 

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from headway.core.estimation import registry
 from headway.core.types.config import DetectorConfig
-from headway_loadtest.evaluate.pairs.drive import ALL, Pair, run_model, scenarios
+from headway_loadtest.evaluate.pairs.drive import ALL, Pair, injected_drives, run_model
 from headway_loadtest.sources.drive import F64
 
 SHOWN_S = 40.0
@@ -49,7 +49,7 @@ def _values(result: Mapping[str, Any], measure: str, group: str, model: str, sev
 
 def drive(pair: Pair, seed: int, severity: float = 1.0) -> Figure:
     """Draw part of a drive with injected events, as `headway` saw it."""
-    drives = scenarios(pair, 0, (severity,), (ALL,), 1, seed)
+    drives = injected_drives(pair, 0, (severity,), (ALL,), 1, seed)
     results = run_model(registry.build(DetectorConfig()), pair, drives, seed)[:, -1]
     corrupted = drives[-1].corrupted
     first = int(SHOWN_FROM * len(pair.t_s))

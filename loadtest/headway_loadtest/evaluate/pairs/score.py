@@ -16,7 +16,7 @@ from scipy.stats import rankdata
 
 from headway.core.types import records
 from headway.core.types.records import Records
-from headway_loadtest.evaluate.pairs.drive import Pair, Scenario
+from headway_loadtest.evaluate.pairs.drive import InjectedDrive, Pair
 from headway_loadtest.inject.faults import Injected, Kind, Sensor
 from headway_loadtest.sources.drive import F64
 
@@ -49,10 +49,10 @@ class Score:
     """(2,) faulty samples."""
 
 
-def score(pair: Pair, scenario: Scenario, results: Records) -> Score:
+def score(pair: Pair, injected: InjectedDrive, results: Records) -> Score:
     """Compare verdicts (n,) with what was injected."""
     warm = ~results["warming"]
-    corrupted = scenario.corrupted
+    corrupted = injected.corrupted
     alarms = results["anomalous"] & warm
     faulty = np.stack([corrupted.x_kind > 0, corrupted.v_kind > 0]) & warm
     truth = np.stack([pair.x_m, pair.v_mps])

@@ -1,6 +1,6 @@
 """The simulated follower of the published experiment, and the readings of its faulty sensors.
 
-The driver obeys the IDM of the filter, with the leader of tau ago. A random acceleration a_r ~ N(-0.65, 0.25^2) moves
+The driver follows the IDM of the filter, with the leader of tau ago. A random acceleration a_r ~ N(-0.65, 0.25^2) moves
 the position by a_r tau dt per step, as a speed bias that the third state of Model 2 estimates. With a stochastic delay
 (equation `stochastic-delay`) the leader is that of tau + kappa ago, kappa drawn for each sample with tau + kappa >= 0.
 """
@@ -22,7 +22,7 @@ LENGTH_M = 5.0
 START_X_M, START_V_MPS = 5.0, 1.0
 SLIP_MPS2, SLIP_STD_MPS2 = -0.65, 0.25
 READING_STD = 0.01
-"""Of location and speed, m and m/s; the filter believes 0.1."""
+"""Of location and speed, m and m/s; the filter has 0.1."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ COLUMNS = ("t_s", "x_m", "v_mps")
 INTERVAL_S = 0.1
 INTERVAL_TOLERANCE_S = 0.01
 SAMPLES_MIN = 600
-"""One minute: a shorter drive holds a handful of events, and its AUC says nothing."""
+"""One minute: a shorter drive holds a handful of events, and its AUC is meaningless."""
 
 HEAD_START_M = 10.0
 """Where the leader's front is when the experiment begins; the follower's is at 5 m."""

@@ -1,8 +1,8 @@
 """Receiver operating characteristic of a closed loop: one run of the detector per threshold.
 
-A detection changes what the filter believes next, so the flags at one threshold cannot be read off the statistic of a
-run at another. The points need not be monotone either; they are ordered by false-positive rate, and (0, 0) and (1, 1),
-which a threshold above and below every statistic gives, close the curve.
+A detection changes the later estimates of the filter. So the flags at one threshold do not follow from the statistic of
+a run at another. The points need not be monotone either: they are ordered by false-positive rate. A threshold above and
+one below every statistic give (0, 0) and (1, 1), which close the curve.
 """
 
 from collections.abc import Callable

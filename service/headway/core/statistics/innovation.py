@@ -7,7 +7,7 @@ complement of S_xx (Golub and Van Loan, Matrix Computations, section 4.2):
     nis   = nu' S^-1 nu = nu_x^2 / S_xx + (nu_v - S_xv / S_xx nu_x)^2 / S_v|x
 
 P is positive semidefinite, so S_v|x is at least R_vv. The determinant S_xx S_vv - S_xv^2 has no such floor: rounding
-takes it to zero, or below, where the position says nearly all of the speed.
+takes it to zero, or below, where the position nearly determines the speed.
 """
 
 from typing import NamedTuple

@@ -35,6 +35,8 @@ NO_LEADER = -1
 """Row of the leader of a vehicle without one."""
 
 SEARCH_EVERY_US = 500_000
+"""Event time from one search to the next, us: two searches a second (ADR 0003)."""
+
 CONFIRMATIONS_TO_ACQUIRE = 2
 """Searches in a row before a candidate becomes the leader of a vehicle without one."""
 
@@ -71,9 +73,9 @@ _KEEP_CORRIDOR = 1.5  # width of the corridor that keeps a leader, relative to t
 _GONE_LANES = 0.75  # a lane reference this far beside the path of the second vehicle has left the lane
 _DECLARED_CORRIDOR_M = 15.0  # error of the worst receivers
 _ALLOWANCE_LANES = 1.0 / 6.0  # bound on the allowance for the declared accuracies: excludes the next lane
-_OFFSET_GAIN = 0.5
+_OFFSET_GAIN = 0.5  # share of the error that one search corrects, so that noise of both receivers averages out
 _OFFSET_PER_METRE = 0.15  # two paths a metre apart in a bend of 7 m radius
-_OFFSET_SLACK_M = 0.02
+_OFFSET_SLACK_M = 0.02  # change allowed at standstill
 _OUTLIER_LIMITS, _OUTLIER_MIN_M = 4.0, 1.0  # beyond both, the error shows another place of the path
 
 

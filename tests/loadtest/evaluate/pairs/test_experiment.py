@@ -9,7 +9,7 @@ import pytest
 from headway.core.estimation import registry
 from headway.core.types.config import DetectorConfig
 from headway_loadtest.evaluate.pairs.command import evaluate_pairs
-from headway_loadtest.evaluate.pairs.drive import load, run_model, scenarios
+from headway_loadtest.evaluate.pairs.drive import injected_drives, load, run_model
 from headway_loadtest.evaluate.pairs.experiment import PairsProtocol, run_pairs
 from headway_loadtest.inject.faults import Kind
 from headway_loadtest.sources.drive import SourceError
@@ -49,7 +49,7 @@ def test_what_a_model_is_warmed_up_for_is_what_a_drive_needs(pair_file) -> None:
     model.warm_up()
     warm = list(model.step_batch.signatures)
     pair = load(pair_file)
-    run_model(model, pair, scenarios(pair, 0, (1.0,), ("all",), 1, 0), 0)
+    run_model(model, pair, injected_drives(pair, 0, (1.0,), ("all",), 1, 0), 0)
     assert model.step_batch.signatures == warm
 
 
@@ -77,7 +77,7 @@ def test_the_same_seed_gives_the_same_numbers_in_one_process_or_two(result, pair
 
 def test_a_single_kind_can_be_asked_for(pair_file) -> None:
     pair = load(pair_file)
-    drives = scenarios(pair, 0, (0.5,), ("bias", "short"), 1, 0)
+    drives = injected_drives(pair, 0, (0.5,), ("bias", "short"), 1, 0)
     assert [(one.severity, one.kind) for one in drives] == [(0.0, "none"), (0.5, "bias"), (0.5, "short")]
     assert not drives[0].corrupted.events
     assert {event.kind for event in drives[1].corrupted.events} == {Kind.BIAS}
@@ -87,7 +87,7 @@ def test_a_single_kind_can_be_asked_for(pair_file) -> None:
 def test_a_short_pair_is_driven_more_than_once_and_lied_about_anew(pair_file, tmp_path) -> None:
     short = tmp_path / "short.csv"
     short.write_text("\n".join(pair_file.read_text().splitlines()[:1200]), encoding="utf-8")
-    drives = scenarios(load(short), 0, (), (), 1, 0)
+    drives = injected_drives(load(short), 0, (), (), 1, 0)
     assert len(drives) == 6
     for one, other in pairwise(drives):
         assert (one.corrupted.x_m != other.corrupted.x_m).all()

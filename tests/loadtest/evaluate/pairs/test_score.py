@@ -5,7 +5,7 @@ import pytest
 
 from headway.core.runtime.rows import verdicts
 from headway.core.types import records
-from headway_loadtest.evaluate.pairs.drive import Pair, Scenario
+from headway_loadtest.evaluate.pairs.drive import InjectedDrive, Pair
 from headway_loadtest.evaluate.pairs.score import auc, episodes, gate_for, score, summary, total
 from headway_loadtest.inject.faults import Corrupted, Injected, Kind, Sensor
 
@@ -28,8 +28,8 @@ def drive(events, alarms, sensor=records.Sensor.LOCATION, kind=records.Kind.BIAS
     results["x_m"][x_kind > 0], results["v_mps"][v_kind > 0] = left, left
     results["warming"][:10] = True
     pair = Pair("set", 0.1 * np.arange(N), zero, zero, 5.0, zero, zero)
-    scenario = Scenario(1.0, "all", Corrupted(x, v, np.ones(N, np.bool_), x_kind, v_kind, tuple(events)))
-    return score(pair, scenario, results)
+    injected = InjectedDrive(1.0, "all", Corrupted(x, v, np.ones(N, np.bool_), x_kind, v_kind, tuple(events)))
+    return score(pair, injected, results)
 
 
 BIAS = Injected(Sensor.LOCATION, Kind.BIAS, 30, 40)

@@ -25,7 +25,7 @@ from headway.core.estimation.delay_buffers import input_at, input_ring, push_inp
 from headway.core.estimation.imm.noise_adaptation import clip, clip_innovation
 
 RESPONSE_GAIN_MAX = 2.0
-"""Real drivers have 0.1 to 0.7, the published follower 1 (ADR 0005, "The car ahead announces")."""
+"""Real drivers have 0.1 to 0.7, the published follower 1 (ADR 0005, "The car ahead is an input")."""
 UNEXPLAINED_SHARE_MIN = 1e-3
 """Jerk and manoeuvres scale with the unexplained share and must stay possible."""
 

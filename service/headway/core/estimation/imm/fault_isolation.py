@@ -37,7 +37,7 @@ def fault_kind(mu: Any, sensor: int) -> tuple[int, float]:
     """Return the likeliest `Kind` code of the fault of `sensor` (index of z), and its probability given a fault."""
     noise = mu[NOISE[sensor]] + mu[NOISE_BESIDE_OFFSET[sensor]] + mu[BOTH_NOISE]
     offset = mu[BIAS[sensor]] + mu[DRIFT[sensor]]
-    # An offset beside noise is not told apart as bias or drift: it is divided as these two are.
+    # An offset beside noise is neither bias nor drift: it is divided in the ratio of the two.
     share = 1.0 + mu[OFFSET_BESIDE_NOISE[sensor]] / offset
     bias, drift = share * mu[BIAS[sensor]], share * mu[DRIFT[sensor]]
     total = noise + bias + drift

@@ -5,9 +5,9 @@ or corrected while the other sensor is used:
 
     BIAS     the reading is off by a constant; the offset is part of the state
     DRIFT    the reading is off by a straight line in time; offset and slope are part of the state
-    NOISE    the reading says nothing; each one is off by another amount
+    NOISE    the reading holds no information; each one is off by another amount
 
-With two faults, one sensor has NOISE and the other an OFFSET (a former BIAS or DRIFT, not told apart any more), or both
+With two faults, one sensor has NOISE and the other an OFFSET (a former BIAS or DRIFT, no longer distinguished), or both
 have NOISE. Modes form a Markov chain. In an interval a healthy sensor becomes faulty with probability f and a faulty
 one healthy with probability e, independently of the other sensor:
 

@@ -78,7 +78,7 @@ from headway.core.statistics.innovation import nis_2d
 from headway.core.types.records import Sensor
 
 ONSET_KINDS = 3.0
-"""A fault begins as bias, drift or noise with equal probability, as MODE_TABLE says."""
+"""A fault begins as bias, drift or noise with equal probability, as in MODE_TABLE."""
 FAULT_PROBABILITY_MAX = 0.1
 """Of a sensor in one interval, however long."""
 PRUNE_RECOVERY_BELOW_NIS = 9.0
@@ -108,8 +108,8 @@ class Motion(NamedTuple):
 def mix(row: Any, chances: Chances, p: ModeParams, imm: Any) -> None:
     """Mix the faulty modes: columns and `predicted_probability` become those before the reading.
 
-    The row and `recovered` hold the modes after the last reading, the second without offsets. A noise says nothing of
-    the offset that follows it, so a new offset starts with the variance of a fault of either sign.
+    The row and `recovered` hold the modes after the last reading, the second without offsets. After NOISE an
+    offset is unknown, so it starts with the variance of a fault.
     """
     single, double, recovered = imm.single.m, imm.double.m, imm.recovered.m
     mu, predicted = row.mode_probability, imm.predicted_probability
@@ -250,7 +250,7 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     z, r
         (2,) reading of position and speed, and its variances.
     implausible
-        `Sensor` whose reading breaks a physical limit: it is faulty whatever the motion says.
+        `Sensor` whose reading breaks a physical limit: it is faulty whatever the motion is.
     imm
         Workspace (IMM_WORKSPACE), which also holds the results `ended_probability`, `nu`, `S` and `nis`.
     """
