@@ -21,15 +21,15 @@ def drive(rng, n=900, x_std=NOISE, v_std=NOISE):
 
 
 @njit
-def along(row, read, p, judged):
+def along(row, read, p, results):
     for k in range(read.size):
-        step_row(row, read[k], p, judged[k])
+        step_row(row, read[k], p, results[k])
 
 
-def judge(read, row=None, **config):
+def run_model(read, row=None, **config):
     """Return the verdicts of a drive, and the row after it."""
     settled = DetectorConfig(**config)
     bank = np.zeros(1, headway_dtype(settled.delay_s)) if row is None else row
-    judged = verdicts(len(read))
-    along(bank[0], read, headway_params(settled), judged)
-    return judged, bank
+    results = verdicts(len(read))
+    along(bank[0], read, headway_params(settled), results)
+    return results, bank

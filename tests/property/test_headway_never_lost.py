@@ -14,11 +14,11 @@ from headway.core.types.config import DetectorConfig
 CONFIG = DetectorConfig(alarm_budget_per_hour=0.1)
 P, ROW = headway_params(CONFIG), headway_dtype(CONFIG.delay_s)
 AFTER = 600
-"""Honest readings: a minute, in whose last ten seconds all is well. Garbage teaches noise that is to be unlearnt."""
+"""Correct readings: a minute, whose last ten seconds are checked. The noise adapts to garbage and then back."""
 FALSE_ALARMS = 1
 """Among hundreds of drives there may be one with so many in its last ten seconds,"""
 LONGEST = 26
-"""and it ends after so many readings: a suspicion of 2.5 s is given up."""
+"""and it ends after so many readings: the fault time-out is 2.5 s."""
 
 interval_s = st.one_of(st.just(0.1), st.floats(1e-3, 6.0))
 location_m = st.one_of(st.floats(-1e6, 1e6), st.floats(-5.0, 5.0))
@@ -48,7 +48,7 @@ def batch(sent):
 
 @settings(max_examples=150, deadline=None)
 @given(sent=garbage)
-def test_weights_are_probabilities_and_covariances_positive(sent) -> None:
+def test_mode_probabilities_are_probabilities_and_covariances_positive(sent) -> None:
     bank = np.zeros(1, ROW)
     for z in batch(sent):
         verdict = verdicts(1)
@@ -79,13 +79,13 @@ def test_after_any_garbage_clean_readings_recover_the_filter(sent, seed: int) ->
     bank = np.zeros(1, ROW)
     read = batch(sent)
     along(bank[0], read, P, verdicts(len(read)))
-    honest = readings(AFTER)
+    correct = readings(AFTER)
     since = 0.1 * np.arange(1, AFTER + 1)
-    honest["t_s"] = read["t_s"][-1] + since
-    honest["x_m"] = 100.0 + 10.0 * since + rng.normal(0.0, 0.01, AFTER)
-    honest["v_mps"] = 10.0 + rng.normal(0.0, 0.01, AFTER)
+    correct["t_s"] = read["t_s"][-1] + since
+    correct["x_m"] = 100.0 + 10.0 * since + rng.normal(0.0, 0.01, AFTER)
+    correct["v_mps"] = 10.0 + rng.normal(0.0, 0.01, AFTER)
     out = verdicts(AFTER)
-    along(bank[0], honest, P, out)
+    along(bank[0], correct, P, out)
     at = np.flatnonzero(out["anomalous"][-100:])
     assert (np.diff(at, prepend=-10) > 1).sum() <= FALSE_ALARMS
     assert len(at) <= LONGEST

@@ -129,7 +129,7 @@ class Twin:
             series.append(value)
 
     def step(self, t, z, leader):
-        """Judge a reading z = [x, v]; `leader` is (t, x, v) or None. Return (nis, anomalous, x, v) after it."""
+        """Update by a reading z = [x, v]; `leader` is (t, x, v) or None. Return (nis, anomalous, x, v) after it."""
         if leader is not None:
             self.history.append(leader)
         if not self.times:

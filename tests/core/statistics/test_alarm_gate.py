@@ -52,13 +52,13 @@ def test_the_budget_holds_for_cars_unlike_the_prior(per_hour: float, mean: float
 
 def test_faults_beyond_the_gate_teach_nothing() -> None:
     rng = np.random.default_rng(1)
-    honest = excursions(rng, 1.0, 400.0, 1.0)
-    with_faults = honest.copy()
-    for start in rng.choice(len(honest) - 20, 300, replace=False):
+    fault_free = excursions(rng, 1.0, 400.0, 1.0)
+    with_faults = fault_free.copy()
+    for start in rng.choice(len(fault_free) - 20, 300, replace=False):
         with_faults[start : start + 10] = 20.0
         with_faults[start + 10 : start + 14] = (-1.0, -3.0, -5.0, -7.0)
     clean, dirty = np.zeros(1, TAIL)[0], np.zeros(1, TAIL)[0]
-    run(clean, honest, BUDGET)
+    run(clean, fault_free, BUDGET)
     run(dirty, with_faults, BUDGET)
     assert dirty["exceedances"] > 50
     assert gate(dirty, BUDGET) == pytest.approx(gate(clean, BUDGET), abs=0.4)

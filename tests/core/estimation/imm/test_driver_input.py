@@ -1,8 +1,8 @@
-"""The car ahead as an input: who answers it as the driver model does is found out, and held to it."""
+"""The leader as an input: the response gain of a driver is found, and deviations from it are detected."""
 
 import numpy as np
 import pytest
-from core.driving import judge
+from core.driving import run_model
 
 from headway.core.estimation.car_following import IdmParams, idm
 from headway.core.estimation.imm.driver_input import (
@@ -41,8 +41,8 @@ def follow(rng, gain, n=3000, *, own_std_mps2=0.0, x_walk_m=0.0, cut_in=None):
     for k in range(n - 1):
         seen = max(0, k - late)
         own += -0.02 * own + own_std_mps2 * 0.2 * rng.normal()
-        asked, _, _, _ = idm(leader_x[seen] - LENGTH_M - x[k], v[k], leader_v[seen], P.idm)
-        a += np.clip(gain * asked + own - a, -JERK_MPS3 * h, JERK_MPS3 * h)
+        wanted, _, _, _ = idm(leader_x[seen] - LENGTH_M - x[k], v[k], leader_v[seen], P.idm)
+        a += np.clip(gain * wanted + own - a, -JERK_MPS3 * h, JERK_MPS3 * h)
         v[k + 1] = max(0.0, v[k] + h * a)
         x[k + 1] = x[k] + 0.5 * h * (v[k] + v[k + 1])
     read = readings(n)
@@ -54,26 +54,26 @@ def follow(rng, gain, n=3000, *, own_std_mps2=0.0, x_walk_m=0.0, cut_in=None):
 
 
 @pytest.mark.parametrize("gain", [0.4, 1.0, 1.5])
-def test_how_like_the_model_a_driver_is_becomes_known(gain: float) -> None:
-    _, row = judge(follow(np.random.default_rng(0), gain), delay_s=DELAY_S)
+def test_the_response_gain_is_found(gain: float) -> None:
+    _, row = run_model(follow(np.random.default_rng(0), gain), delay_s=DELAY_S)
     assert row[0]["driver"]["response_gain"] == pytest.approx(gain, abs=0.1)
 
 
-def test_a_driver_with_a_will_of_his_own_is_not_like_the_model() -> None:
-    _, row = judge(follow(np.random.default_rng(1), 0.02, own_std_mps2=0.8), delay_s=DELAY_S)
+def test_an_independent_driver_has_a_small_response_gain() -> None:
+    _, row = run_model(follow(np.random.default_rng(1), 0.02, own_std_mps2=0.8), delay_s=DELAY_S)
     assert row[0]["driver"]["response_gain"] < 0.2
     assert unexplained_share(row[0]["driver"], row[0]["noise"]["jerk_density"]) > 0.9
 
 
-def test_what_the_car_ahead_announces_is_no_manoeuvre() -> None:
-    _, row = judge(follow(np.random.default_rng(2), 1.0), delay_s=DELAY_S)
+def test_a_change_that_the_leader_explains_is_no_manoeuvre() -> None:
+    _, row = run_model(follow(np.random.default_rng(2), 1.0), delay_s=DELAY_S)
     driver = row[0]["driver"]
     assert unexplained_share(driver, row[0]["noise"]["jerk_density"]) < 0.2
     driver["idm_accel_mps2"] = np.nan
-    assert unexplained_share(driver, row[0]["noise"]["jerk_density"]) == 1.0, "nobody ahead, nothing announced"
+    assert unexplained_share(driver, row[0]["noise"]["jerk_density"]) == 1.0, "no leader, nothing explained"
 
 
-def test_a_speed_that_drifts_is_betrayed_by_the_car_ahead_when_the_location_wanders() -> None:
+def test_the_leader_exposes_a_drift_of_the_speed_beside_a_random_walk() -> None:
     """The location walks by 2 cm a reading, so that a speed that gains 0.3 m/s in two seconds is nothing to it."""
     found = {True: 0, False: 0}
     for seed in range(6):
@@ -83,36 +83,36 @@ def test_a_speed_that_drifts_is_betrayed_by_the_car_ahead_when_the_location_wand
             readings = read.copy()
             if not led:
                 readings["leader_t_s"] = np.nan
-            judged, _ = judge(readings, delay_s=DELAY_S)
-            found[led] += judged["anomalous"][2000:2020].any()
+            results, _ = run_model(readings, delay_s=DELAY_S)
+            found[led] += results["anomalous"][2000:2020].any()
     assert found[True] >= 5
     assert found[False] <= 2
 
 
 def test_another_car_ahead_is_no_alarm() -> None:
-    """It cuts in 6 m nearer, and the driver brakes; later it is not heard for ten seconds."""
+    """It cuts in 6 m nearer, and the driver brakes; later ten seconds of its messages are missing."""
     for seed in range(4):
         read = follow(np.random.default_rng(20 + seed), 1.0, cut_in=2000)
         read["leader_t_s"][2500:2600] = np.nan
-        judged, _ = judge(read, delay_s=DELAY_S)
-        assert not judged["anomalous"][200:].any()
+        results, _ = run_model(read, delay_s=DELAY_S)
+        assert not results["anomalous"][200:].any()
 
 
-def test_a_change_is_what_the_model_asks_more_than_before_a_delay_after_the_leader() -> None:
+def test_the_predicted_change_follows_the_leader_after_the_delay() -> None:
     driver, z = np.zeros(1, driver_dtype(DELAY_S))[0], readings(1)[0]
     initialise_driver(driver, P)
     driver["response_gain"] = 0.5
-    asked = []
+    wanted = []
     for k in range(20):
         z["t_s"] = z["leader_t_s"] = 0.1 * k
         z["leader_x_m"], z["leader_v_mps"], z["leader_length_m"] = 40.0 + k, 10.0 if k < 10 else 8.0, LENGTH_M
         change = predict_acceleration(driver, z, 0.1, float(k), 10.0, P)
-        asked.append(idm(30.0, 10.0, 10.0 if k < 15 else 8.0, P.idm)[0])
-        assert change == pytest.approx(0.0 if k == 0 else 0.5 * (asked[-1] - asked[-2]), abs=1e-6)
+        wanted.append(idm(30.0, 10.0, 10.0 if k < 15 else 8.0, P.idm)[0])
+        assert change == pytest.approx(0.0 if k == 0 else 0.5 * (wanted[-1] - wanted[-2]), abs=1e-6)
 
 
-def test_the_likeness_learns_what_least_squares_would() -> None:
-    """With no gain of the filter the felt change adds up, and the likeness is the slope of innovation on it, shrunk."""
+def test_the_response_gain_is_that_of_least_squares() -> None:
+    """With no gain of the filter the sensitivity adds up, and the gain is the slope of the innovation on it, shrunk."""
     rng = np.random.default_rng(4)
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
     everlasting = P._replace(forgetting_factor=1.0)
@@ -129,8 +129,8 @@ def test_the_likeness_learns_what_least_squares_would() -> None:
     assert known == pytest.approx(f @ y / (f @ f + P.prior_information * 0.05**2), rel=0.02)
 
 
-def test_nobody_is_foreseen_altogether() -> None:
-    """An hour behind a car that stands: no jerk, and nothing announced that it could be a share of."""
+def test_the_unexplained_share_has_a_minimum() -> None:
+    """An hour behind a car that stands: no jerk and no explained density."""
     driver = np.zeros(1, driver_dtype(DELAY_S))[0]
     assert unexplained_share(driver, 1e-12) == 1.0
     driver["explained_density"] = 1.0

@@ -52,7 +52,7 @@ def gaussians(kernel):
 
 
 def readings(rng, kind, n=60):
-    """A car that brakes gently, lied about from sample 20 to 40."""
+    """A car that brakes gently, with a fault from sample 20 to 40."""
     t_s = 0.1 * np.arange(n)
     x, v = 12.0 * t_s - 0.4 * t_s**2, 12.0 - 0.8 * t_s
     z = np.stack([x, v], axis=1) + rng.normal(0.0, 0.01, (n, 2))
@@ -74,7 +74,7 @@ def readings(rng, kind, n=60):
 @pytest.mark.parametrize("unexplained", [1.0, 0.1])
 @pytest.mark.parametrize("kind", ["healthy", "bias", "drift", "noise", "double", "negative"])
 def test_every_step_agrees_with_the_plain_twin(kind: str, unexplained: float) -> None:
-    """From the same state each time, so that rounding does not add up where two hypotheses are neck and neck."""
+    """From the same state each time, so that rounding does not add up where two modes are equally likely."""
     t_s, z = readings(np.random.default_rng(4), kind)
     came = np.arange(len(t_s)) % 7 != 5
     t_s, z = t_s[came], z[came]
@@ -107,7 +107,7 @@ def test_mode_probabilities_sum_to_one_and_none_vanishes() -> None:
 
 
 @pytest.mark.parametrize("sensor", [0, 1])
-def test_a_spike_is_attributed_to_its_sensor_and_on_nothing_after_it(sensor: int) -> None:
+def test_a_spike_is_attributed_to_its_sensor_and_to_nothing_after_it(sensor: int) -> None:
     t_s, z = readings(np.random.default_rng(2), "healthy")
     z[30, sensor] += 0.8
     kernel = Kernel(*z[0])

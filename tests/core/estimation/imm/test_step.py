@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from core.driving import NOISE, drive, judge
+from core.driving import NOISE, drive, run_model
 
 from headway.core.estimation.imm.step import headway_dtype, headway_params, step_batch
 from headway.core.runtime.rows import readings, verdicts
@@ -14,7 +14,7 @@ FAULT = slice(600, 618)
 SETTLED = 200
 """Readings after which noise and driver are known, and chance alarms are one an hour."""
 RECOVERED = {Kind.NOISE: 0.2, Kind.BIAS: 0.1, Kind.DRIFT: 0.5}
-"""Share of the lie that may be left; a speed that drifts by 0.5 m/s2 is an acceleration until the location objects."""
+"""Share of the fault that may be left: a drift of 0.5 m/s2 is an acceleration until the location contradicts it."""
 
 
 @pytest.mark.parametrize("column", ["x_m", "v_mps"])
@@ -28,83 +28,83 @@ def test_sensor_and_kind_are_named_and_the_truth_is_recovered(column: str, kind:
         Kind.DRIFT: np.linspace(0.0, 0.9, 18),
     }
     read[column][FAULT] += offsets[kind]
-    judged, _ = judge(read)
-    last = judged[FAULT][-1]
+    results, _ = run_model(read)
+    last = results[FAULT][-1]
     assert last["anomalous"]
     assert last["sensor"] == SENSORS[column]
     assert last["kind"] == kind
     assert last["confidence"] > 0.6
     for name, truth in (("x_m", x), ("v_mps", v)):
-        wrong = judged[name][FAULT] - truth[FAULT]
+        wrong = results[name][FAULT] - truth[FAULT]
         assert np.sqrt(np.mean(wrong**2)) < RECOVERED[kind] * np.sqrt(np.mean(offsets[kind] ** 2))
-    assert not judged["anomalous"][SETTLED:600].any()
-    assert not judged["anomalous"][622:].any()
+    assert not results["anomalous"][SETTLED:600].any()
+    assert not results["anomalous"][622:].any()
 
 
 def test_one_bad_reading_is_short_and_its_confidence_modest() -> None:
     read, _, _ = drive(np.random.default_rng(1))
     read["x_m"][600] += 0.7
-    judged, _ = judge(read)
-    np.testing.assert_array_equal(SETTLED + np.flatnonzero(judged["anomalous"][SETTLED:]), [600])
-    assert judged[600]["kind"] == Kind.SHORT
-    assert judged[600]["confidence"] < 0.2
+    results, _ = run_model(read)
+    np.testing.assert_array_equal(SETTLED + np.flatnonzero(results["anomalous"][SETTLED:]), [600])
+    assert results[600]["kind"] == Kind.SHORT
+    assert results[600]["confidence"] < 0.2
 
 
-def test_both_sensors_lying_at_once_is_said() -> None:
+def test_two_faults_at_once_are_isolated_as_both() -> None:
     rng = np.random.default_rng(2)
     read, _, _ = drive(rng)
     read["x_m"][FAULT] += 1.5
     read["v_mps"][605:618] += rng.normal(0.0, 2.0, 13)
-    judged, _ = judge(read)
-    assert (judged["sensor"][607:618] == Sensor.BOTH).mean() > 0.8
+    results, _ = run_model(read)
+    assert (results["sensor"][607:618] == Sensor.BOTH).mean() > 0.8
 
 
-def test_the_std_of_the_estimate_is_honest() -> None:
+def test_the_std_of_the_estimate_is_consistent() -> None:
     """Two-sided: 900 readings of 20 drives, errors correlated over some ten of them."""
     scaled = []
     for seed in range(20):
         read, x, v = drive(np.random.default_rng(seed))
-        judged, _ = judge(read)
-        scaled.append((judged["x_m"] - x)[100:] / judged["x_std_m"][100:])
-        scaled.append((judged["v_mps"] - v)[100:] / judged["v_std_mps"][100:])
+        results, _ = run_model(read)
+        scaled.append((results["x_m"] - x)[100:] / results["x_std_m"][100:])
+        scaled.append((results["v_mps"] - v)[100:] / results["v_std_mps"][100:])
     assert 0.6 < np.mean(np.square(scaled)) < 1.4
 
 
 def test_the_first_verdicts_are_warming_and_never_alarms() -> None:
     read, _, _ = drive(np.random.default_rng(3))
     read["x_m"][5:15] += 3.0
-    judged, _ = judge(read, warming_readings=20)
-    assert judged["warming"][:20].all()
-    assert not judged["warming"][20:].any()
-    assert not judged["anomalous"][:20].any()
+    results, _ = run_model(read, warming_readings=20)
+    assert results["warming"][:20].all()
+    assert not results["warming"][20:].any()
+    assert not results["anomalous"][:20].any()
 
 
-def test_a_silence_restarts_the_motion_but_not_what_was_learnt() -> None:
+def test_a_silence_initialises_the_motion_but_keeps_the_adapted_noise() -> None:
     read, _, _ = drive(np.random.default_rng(4))
     read["t_s"][500:] += 60.0
     read["x_m"][500:] += 777.0
-    judged, bank = judge(read, max_gap_s=5.0)
-    np.testing.assert_array_equal(np.flatnonzero(judged["restarted"]), [500])
-    assert judged["warming"][500:520].all()
-    assert judged["x_m"][500] == pytest.approx(read["x_m"][500])
+    results, bank = run_model(read, max_gap_s=5.0)
+    np.testing.assert_array_equal(np.flatnonzero(results["restarted"]), [500])
+    assert results["warming"][500:520].all()
+    assert results["x_m"][500] == pytest.approx(read["x_m"][500])
     assert bank[0]["noise"]["adapted_readings"] > 600
 
 
 def test_an_offset_that_does_not_end_is_accepted_within_seconds() -> None:
     read, x, _ = drive(np.random.default_rng(5))
     read["x_m"][600:] += 4.0
-    judged, _ = judge(read)
-    assert judged["anomalous"][600]
-    assert not judged["anomalous"][630:].any()
-    assert judged["x_m"][700] == pytest.approx(x[700] + 4.0, abs=0.1)
+    results, _ = run_model(read)
+    assert results["anomalous"][600]
+    assert not results["anomalous"][630:].any()
+    assert results["x_m"][700] == pytest.approx(x[700] + 4.0, abs=0.1)
 
 
-def test_a_speed_below_zero_is_the_speed_sensors_lie() -> None:
+def test_a_speed_below_zero_is_a_fault_of_the_speed_sensor() -> None:
     read, _, _ = drive(np.random.default_rng(6))
     read["v_mps"][600:604] = -0.5
-    judged, _ = judge(read)
-    assert judged["anomalous"][600:604].all()
-    assert (judged["sensor"][600:604] == Sensor.SPEED).all()
+    results, _ = run_model(read)
+    assert results["anomalous"][600:604].all()
+    assert (results["sensor"][600:604] == Sensor.SPEED).all()
 
 
 def test_a_car_that_starts_or_stops_does_not_raise_an_alarm() -> None:
@@ -117,25 +117,25 @@ def test_a_car_that_starts_or_stops_does_not_raise_an_alarm() -> None:
     read["t_s"] = 0.1 * np.arange(n)
     read["x_m"] = np.r_[0.0, np.cumsum(0.05 * (v[1:] + v[:-1]))] + rng.normal(0, NOISE, n)
     read["v_mps"] = np.maximum(v + rng.normal(0, NOISE, n), 0.0)
-    judged, _ = judge(read)
-    assert not judged["anomalous"][SETTLED:].any()
+    results, _ = run_model(read)
+    assert not results["anomalous"][SETTLED:].any()
 
 
 @pytest.mark.parametrize("budget", [0.2, 5.0])
 def test_a_greater_budget_lowers_the_gate(budget: float) -> None:
     read, _, _ = drive(np.random.default_rng(8))
-    ordinary, _ = judge(read)
-    other, _ = judge(read, alarm_budget_per_hour=budget)
+    ordinary, _ = run_model(read)
+    other, _ = run_model(read, alarm_budget_per_hour=budget)
     assert np.sign(other["gate"][-1] - ordinary["gate"][-1]) == np.sign(1.0 - budget)
     np.testing.assert_allclose(other["statistic"], ordinary["statistic"])
 
 
-def test_the_p_value_is_how_often_clean_readings_go_so_high() -> None:
+def test_the_p_value_is_the_share_of_clean_readings_with_such_a_statistic() -> None:
     read, _, _ = drive(np.random.default_rng(9))
     read["x_m"][600] += 0.7
-    judged, _ = judge(read)
-    assert judged["p_value"][600] < 1e-6
-    assert (judged["p_value"][~judged["anomalous"]][1:] > 1.0 / 36_000.0).all()
+    results, _ = run_model(read)
+    assert results["p_value"][600] < 1e-6
+    assert (results["p_value"][~results["anomalous"]][1:] > 1.0 / 36_000.0).all()
 
 
 def test_a_batch_is_its_rows_one_by_one() -> None:
@@ -147,16 +147,16 @@ def test_a_batch_is_its_rows_one_by_one() -> None:
     for k in range(60):
         step_batch(bank, rows, np.array([read[k] for read in drives]), headway_params(config), together[k])
     for place, read in enumerate(drives):
-        alone, row = judge(read)
-        np.testing.assert_array_equal(np.array([judged[place] for judged in together]), alone)
+        alone, row = run_model(read)
+        np.testing.assert_array_equal(np.array([results[place] for results in together]), alone)
         assert bank[rows[place]].tobytes() == row[0].tobytes()
     assert not bank[[1, 3, 4, 6, 8]].view(np.uint8).any()
 
 
-def test_a_vehicle_just_heard_is_judged_with_caution() -> None:
+def test_a_new_vehicle_has_a_higher_gate() -> None:
     read, _, _ = drive(np.random.default_rng(8))
-    judged, _ = judge(read)
-    gate = judged["gate"]
+    results, _ = run_model(read)
+    gate = results["gate"]
     assert gate[31] > gate[100] + 4.0
     assert gate[100] > gate[SETTLED] + 1.0
     assert gate[31:].max() < 15.0, "log odds go up to 23"
@@ -164,12 +164,12 @@ def test_a_vehicle_just_heard_is_judged_with_caution() -> None:
 
 def onsets(read) -> int:
     """Return how many alarms begin once the model has warmed up, a second apart."""
-    judged, _ = judge(read)
-    at = np.flatnonzero(judged["anomalous"] & ~judged["warming"])
+    results, _ = run_model(read)
+    at = np.flatnonzero(results["anomalous"] & ~results["warming"])
     return int((np.diff(at, prepend=-11) > 10).sum())
 
 
-def test_a_location_smoothed_by_its_receiver_is_no_lie() -> None:
+def test_a_location_smoothed_by_its_receiver_is_no_fault() -> None:
     """It is the sum of the reported speeds, and what it is off by changes over seconds, not from reading to reading."""
     alarms = 0
     for seed in range(12):
@@ -181,10 +181,10 @@ def test_a_location_smoothed_by_its_receiver_is_no_lie() -> None:
             slip_mps[k] = 0.95 * slip_mps[k - 1] + rng.normal(0.0, 0.0045)
         read["x_m"] = np.cumsum(0.1 * (read["v_mps"] + slip_mps))
         alarms += onsets(read)
-    assert alarms <= 6, "in 36 minutes; dozens where so steady a location is believed not to wander"
+    assert alarms <= 6, "in 36 minutes; dozens if so steady a location had no random walk"
 
 
-def test_a_location_that_wanders_from_the_first_reading_is_soon_known_to() -> None:
+def test_a_random_walk_from_the_first_reading_on_is_soon_found() -> None:
     alarms = 0
     for seed in range(60):
         rng = np.random.default_rng(seed)
