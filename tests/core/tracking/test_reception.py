@@ -35,10 +35,10 @@ def test_a_channel_that_loses_gives_the_sender_more_time() -> None:
 
 
 def test_leader_and_follower_are_each_others_neighbour_where_the_road_ahead_is_covered() -> None:
-    heard, rows, leaders = np.array([100, 200, 300, 0]), np.array([0, 1, 2]), np.array([-1, 0, 1])
+    received, rows, leaders = np.array([100, 200, 300, 0]), np.array([0, 1, 2]), np.array([-1, 0, 1])
     everywhere, nowhere = np.ones(4, np.bool_), np.zeros(4, np.bool_)
-    assert reception.last_neighbour_us(heard, rows, leaders, everywhere).tolist() == [200, 300, 200]
-    assert reception.last_neighbour_us(heard, rows, leaders, nowhere).tolist() == [0, 100, 200]
+    assert reception.last_neighbour_us(received, rows, leaders, everywhere).tolist() == [200, 300, 200]
+    assert reception.last_neighbour_us(received, rows, leaders, nowhere).tolist() == [0, 100, 200]
 
 
 def silent(last_received_us: list[int]) -> np.ndarray:

@@ -102,10 +102,10 @@ def _walk(std_m: float) -> Change:
 
 
 def _outage(rng: np.random.Generator, track: Records) -> Records:
-    heard = np.ones(len(track), np.bool_)
+    received = np.ones(len(track), np.bool_)
     for start, stop in _spells(rng, track, OUTAGE_EVERY_S, (OUTAGE_S, OUTAGE_S)):
-        heard[start:stop] = False
-    return track[heard]
+        received[start:stop] = False
+    return track[received]
 
 
 def _hold(*names: str) -> Change:
@@ -182,12 +182,12 @@ def _lose(share: float) -> Change:
 
 def _lose_bursts(rng: np.random.Generator, track: Records) -> Records:
     """Lose five messages on end, now and then; at least one is received between two bursts."""
-    heard = np.ones(len(track), np.bool_)
+    received = np.ones(len(track), np.bool_)
     at = int(rng.geometric(BURSTS_PER_MESSAGE))
     while at < len(track):
-        heard[at : at + BURST] = False
+        received[at : at + BURST] = False
         at += BURST + int(rng.geometric(BURSTS_PER_MESSAGE))
-    return track[heard]
+    return track[received]
 
 
 def _with_speed(track: Records, speed_mps: F64) -> Records:

@@ -66,10 +66,10 @@ def test_mirroring_is_to_the_left_of_the_road(forge):
 )
 def test_speeds(forge, name, least, most, constant):
     true, forged = forge(name)
-    told = forged.messages["speed_mps"]
-    assert least <= told.min() <= told.max() <= most
-    assert (np.ptp(told) == 0.0) == constant
-    assert (forged.malicious == (np.abs(told - 10.0) >= 1.0)).all()
+    sent = forged.messages["speed_mps"]
+    assert least <= sent.min() <= sent.max() <= most
+    assert (np.ptp(sent) == 0.0) == constant
+    assert (forged.malicious == (np.abs(sent - 10.0) >= 1.0)).all()
     assert (forged.messages["lat_deg"] == true["lat_deg"]).all()
 
 

@@ -94,9 +94,9 @@ def test_speed_scale(clean, name, part):
     [("speed-step-0.1mps", 0.1), ("speed-step-0.25mph", 0.11176), ("speed-step-1kmh", 0.2777778)],
 )
 def test_speed_steps(clean, name, step_mps):
-    told = messages(clean, name)["speed_mps"]
-    assert told / step_mps == pytest.approx(np.round(told / step_mps), abs=1e-5)
-    assert np.abs(told - clean.messages["speed_mps"]).max() <= 0.5 * step_mps + 1e-9
+    sent = messages(clean, name)["speed_mps"]
+    assert sent / step_mps == pytest.approx(np.round(sent / step_mps), abs=1e-5)
+    assert np.abs(sent - clean.messages["speed_mps"]).max() <= 0.5 * step_mps + 1e-9
 
 
 def test_one_position_in_ten_is_the_one_before(clean):
