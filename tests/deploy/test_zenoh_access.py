@@ -123,7 +123,7 @@ class Members:
             block_timeout_s=10.0,
             alert_limit=100,
         )
-        bus = ZenohBus(config, KEYS, SystemClock(), ReceiveQueue(1_000, 1 << 24, 10**12, len))
+        bus = ZenohBus(config, KEYS, SystemClock(), ReceiveQueue(1_000, 1 << 24, 10**12, len, 10**9))
         assert bus.open(lambda _: False)
         self.stack.callback(bus.close)
         return bus

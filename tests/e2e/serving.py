@@ -40,6 +40,7 @@ class Service:
             "HEADWAY_LISTEN": self.endpoint,
             "HEADWAY_HTTP_PORT": "0",
             "HEADWAY_VEHICLE_CAPACITY": "64",
+            "HEADWAY_SENDER_RATE_HZ": "1000000",
             "HEADWAY_HEALTH_INTERVAL_S": "0.1",
         }
         with self._log.open("wb") as log:

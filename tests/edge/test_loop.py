@@ -164,7 +164,7 @@ def test_health_is_told_every_second_from_the_same_books() -> None:
     assert (reports[-1].scored, reports[-1].rejected, reports[-1].lost) == (
         1,
         {"malformed": 1},
-        {"shed": 0, "stale": 0},
+        {"shed": 0, "stale": 0, "rate_exceeded": 0},
     )
     assert reports[-1].ready
     assert [set(report.latency_ms) for report in reports] == [set(), {"p50", "p99", "p999", "max"}, set()]
@@ -176,7 +176,7 @@ def test_what_was_shed_is_in_the_books() -> None:
     for _ in range(2):
         rig.bus.deliver(received(record()))
     rig.loop.iterate()
-    assert rig.ledger.lost == {"shed": 2, "stale": 0}
+    assert rig.ledger.lost == {"shed": 2, "stale": 0, "rate_exceeded": 0}
     assert rig.ledger.scored == 2
     assert rig.bus.received == rig.ledger.messages + rig.bus.shed + rig.bus.waiting
 

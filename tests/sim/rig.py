@@ -44,7 +44,7 @@ class Rig:
         self.ledger, self.latencies = Ledger(), Latencies()
         self.codec = Codec(KEYS)
         self.bus = MemoryBus(
-            ReceiveQueue(self.queue_limit, 1 << 30, round(self.queue_age_limit_s * 1e9), self.codec.records_in)
+            ReceiveQueue(self.queue_limit, 1 << 30, round(self.queue_age_limit_s * 1e9), self.codec.records_in, 10**9)
         )
         self.persistence = self._persistence(self.state_dir) if self.state_dir else None
         self.context = ServiceContext(

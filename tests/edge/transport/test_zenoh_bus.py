@@ -39,7 +39,7 @@ def go_on(seconds: float) -> bool:
 
 
 def bus_of(settings: BusConfig) -> ZenohBus:
-    return ZenohBus(settings, KEYS, SystemClock(), ReceiveQueue(10_000, 1 << 24, 10**12, len))
+    return ZenohBus(settings, KEYS, SystemClock(), ReceiveQueue(10_000, 1 << 24, 10**12, len, 10**9))
 
 
 @pytest.fixture
