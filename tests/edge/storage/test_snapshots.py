@@ -25,7 +25,7 @@ IDENTITY = Identity(
 INTERVAL_S = 10.0
 
 
-def driven(vehicles: int = 70, steps: int = 30) -> Engine:
+def driven(vehicles: int = 70, steps: int = 40) -> Engine:
     """An engine that knows vehicles one behind the other, one of them under suspicion and one silent."""
     engine = Engine(CONFIG)
     nothing = np.full(vehicles, np.nan)
@@ -34,7 +34,7 @@ def driven(vehicles: int = 70, steps: int = 30) -> Engine:
         x_m = -30.0 * np.arange(vehicles) + 2.0 * k
         if k > steps - 8:
             x_m[5] += 50.0
-        received = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 8))
+        received = np.flatnonzero((np.arange(vehicles) != 9) | (k < steps - 14))
         records = Batch(
             ids=id_column([f"car{n}" for n in received]),
             leader_ids=id_column([None] * received.size),
