@@ -29,7 +29,7 @@ from headway.gateways.recordings.columns import RECEIVED, columns_of, records_of
 from headway.result import VERDICTS, Readings, Result
 from headway.settings import config_hash, detector_config
 from headway.version import version
-from headway_schemas.event import Event
+from headway_schemas.event import Event, Stage
 from headway_schemas.fields import T_US_MAX
 from headway_schemas.keys import Keys
 
@@ -146,10 +146,13 @@ class Detector:
         return events
 
     def _events(self, events: Iterable[AnomalyEvent]) -> list[Event]:
+        """Return the events as on the wire; of the latencies there is only the one that the records themselves tell."""
         made = []
         for event in events:
             detected_us = event.received_us if event.evidence is not None else self._now_us
-            made.append(event_message(event, self._identity, Timing(detected_us, 0, 0, 0)))
+            message = event_message(event, self._identity, Timing(detected_us, 0, 0, 0))
+            latency_us = {Stage.WIRE: message.latency_us[Stage.WIRE]}
+            made.append(message.model_copy(update={"latency_us": latency_us}))
         return made
 
 
