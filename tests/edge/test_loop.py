@@ -176,8 +176,8 @@ def test_what_was_shed_is_in_the_books() -> None:
     for _ in range(2):
         rig.bus.deliver(received(record()))
     rig.loop.iterate()
-    assert rig.ledger.lost == {"shed": 2, "stale": 0, "rate_exceeded": 0}
-    assert rig.ledger.scored == 2
+    assert rig.ledger.lost == {"shed": 1, "stale": 0, "rate_exceeded": 0}, "of the sender with more than its share"
+    assert rig.ledger.scored == 3
     assert rig.bus.received == rig.ledger.messages + rig.bus.shed + rig.bus.waiting
 
 
@@ -197,7 +197,7 @@ def test_silence_is_not_held_against_anybody_while_messages_wait_or_after_they_w
     rig.bus.deliver(sent[-1])
     rig.clock.sleep(2.0)
     assert rig.loop.iterate() == 0
-    assert rig.ledger.lost == {"shed": 0, "stale": 1}
+    assert rig.ledger.lost == {"shed": 0, "stale": 1, "rate_exceeded": 0}
     assert rig.engine.gaps_ignored_before_us == [rig.clock.wall_us()]
 
 
