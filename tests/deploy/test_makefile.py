@@ -8,7 +8,11 @@ from deploy.manifest import ROOT
 
 def planned(target: str) -> list[str]:
     ended = subprocess.run(
-        ["make", "--dry-run", "--always-make", target], check=True, cwd=ROOT, stdout=subprocess.PIPE, text=True
+        ["make", "--no-print-directory", "--dry-run", "--always-make", target],
+        check=True,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     return ended.stdout.splitlines()
 

@@ -107,7 +107,7 @@ def test_on_sigterm_what_is_queued_is_judged_and_the_last_report_is_told(service
         last["rejected"],
     )
     assert (last["left"], published.queue_depth) == (0, 0)
-    assert published.lost == {"shed": 0, "stale": 0}
+    assert published.lost == {"shed": 0, "stale": 0, "rate_exceeded": 0}
 
 
 def test_an_address_that_is_taken_ends_with_status_2_and_one_line(service: Service) -> None:
