@@ -77,3 +77,12 @@ def test_what_was_left_open_is_ended(updates) -> None:
     assert (ended.phase, ended.detected_us, ended.sequence, ended.evidence) == (Phase.CLEARED, 77, 2, None)
     again = updates.again(onset)
     assert (again.event, again.key) == (onset, KEYS.alert(onset.kind, onset.suspect))
+
+
+def test_a_summary_ends_although_its_vehicle_left_without_an_end(updates) -> None:
+    for n in range(BURST + 1):
+        of(updates, n / 10, event(event_id=f"car1-{n}", phase=Phase.ONSET))
+    of(updates, 2.0)
+    [end] = of(updates, 3.0 + QUIET_NS / S)
+    assert (end.event_id, end.phase, end.count) == (f"car1-{BURST}", Phase.CLEARED, 1)
+    assert of(updates, 500.0) == []

@@ -19,7 +19,7 @@ from headway_schemas.keys import Keys
 SUMMARY_EVERY_NS: Final = 10_000_000_000
 """From one update of a summary to the next."""
 QUIET_NS: Final = 60_000_000_000
-"""A summary ends this long after the last anomaly that it counts."""
+"""A summary ends this long after the last update of what it counts, also where a vehicle left and no end followed."""
 _LOOK_EVERY_NS: Final = 1_000_000_000
 """How often summaries are looked at."""
 
@@ -35,7 +35,7 @@ class _Suspect:
     updated_ns: int = 0
     newest_ns: int = 0
     summarised: set[str] = field(default_factory=set)
-    """Events that the summary counts and that have not ended."""
+    """Events that the summary counts and that are not known to have ended."""
 
 
 class EventUpdates:
@@ -47,17 +47,15 @@ class EventUpdates:
         Events of one suspect that are published one by one.
     refill_s
         After this long one more is.
-    sequence
-        The last sequence number that is taken.
     """
 
-    def __init__(self, identity: Identity, keys: Keys, *, burst: int, refill_s: float, sequence: int = 0) -> None:
+    def __init__(self, identity: Identity, keys: Keys, *, burst: int, refill_s: float) -> None:
         self._identity = identity
         self._keys = keys
         self._burst = burst
         self._refill_ns = refill_s * 1e9
         self._suspects: dict[str, _Suspect] = {}
-        self._sequence = sequence
+        self._sequence = 0
         self._looked_ns = 0
         self.summarised = 0
         """Events that were counted in a summary and not published."""
@@ -129,7 +127,7 @@ class EventUpdates:
                 del self._suspects[name]
 
     def _summary(self, suspect: _Suspect, summary: Event, now_ns: int, detected_us: int) -> Iterator[Event]:
-        is_over = not suspect.summarised and now_ns - suspect.newest_ns > QUIET_NS
+        is_over = now_ns - suspect.newest_ns > QUIET_NS
         if not (is_over or suspect.updated_ns == 0 or now_ns - suspect.updated_ns >= SUMMARY_EVERY_NS):
             return
         phase = Phase.CLEARED if is_over else Phase.UPDATE if suspect.updated_ns else Phase.ONSET
@@ -140,3 +138,4 @@ class EventUpdates:
         suspect.updated_ns = now_ns
         if is_over:
             suspect.summary, suspect.counted, suspect.updated_ns = None, 0, 0
+            suspect.summarised.clear()

@@ -232,7 +232,7 @@ class Journal:
             return 0
 
     def _reduce(self, db: sqlite3.Connection) -> int:
-        newest = number(db, "SELECT coalesce(max(id), 0) FROM updates")
+        newest = number(db, "SELECT max(id) FROM updates")
         place = {"whole": newest - self._bytes_limit // _WHOLE_BYTES, "limit": PRUNE_AT_ONCE}
         return next((changed for sql in _REDUCTIONS if (changed := db.execute(sql, place).rowcount)), 0)
 
