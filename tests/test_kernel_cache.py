@@ -60,7 +60,7 @@ def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path, monkeypatch) -> Non
 def test_touching_any_file_below_core_changes_the_digests(tmp_path) -> None:
     package = tmp_path / "headway"
     here = Path(kernel_cache.__file__).parent
-    for part in ("core", "edge/codec"):
+    for part in ("core", "edge/codec", "feeds"):
         shutil.copytree(here / part, package / part, ignore=shutil.ignore_patterns("__pycache__"))
     assert kernel_cache.core_digest(package) == kernel_cache.core_digest()
     for source in sorted((package / "core").rglob("*.py")):
@@ -74,4 +74,5 @@ def test_touching_any_file_below_core_changes_the_digests(tmp_path) -> None:
 def test_every_module_with_a_kernel_is_in_the_digest() -> None:
     here = Path(kernel_cache.__file__).parent
     with_kernels = {p.relative_to(here) for p in here.rglob("*.py") if "@njit" in p.read_text(encoding="utf-8")}
-    assert {p for p in with_kernels if p.parts[0] != "core"} == {Path("edge/codec/msgpack_columns.py")}
+    beside = {Path("edge/codec/msgpack_columns.py"), Path("feeds/uper_kernel.py")}
+    assert {p for p in with_kernels if p.parts[0] != "core"} == beside

@@ -91,6 +91,9 @@ def _list_of(name: str) -> dict[str, Any]:
     return {"type": "array", "items": {"$ref": f"{name}.schema.json"}}
 
 
+_FOREIGN = ("j2735Raw", "j2735Ode", "j2735Uper", "camUper", "camJson")
+
+
 def _asyncapi() -> dict[str, Any]:
     keys = Keys("prefix", "site")
     messages = {
@@ -98,6 +101,9 @@ def _asyncapi() -> dict[str, Any]:
         "bsmJson": _message("Basic safety messages, JSON", encodings.BSM_JSON, "bsm_payload"),
         "j2735Raw": _foreign("SAE J2735 JSON with its integers and sentinels", encodings.J2735_RAW),
         "j2735Ode": _foreign("JSON of the USDOT Operational Data Environment", encodings.J2735_ODE),
+        "j2735Uper": _foreign("SAE J2735 MessageFrame in unaligned PER", encodings.J2735_UPER),
+        "camUper": _foreign("ETSI CAM in unaligned PER", encodings.CAM_UPER),
+        "camJson": _foreign("ETSI CAM in JSON", encodings.CAM_JSON),
         "event": _message("One update of an anomaly", encodings.EVENT_JSON, "event"),
         "events": _message("History of events", encodings.EVENTS_JSON, "events"),
         "pairState": _message("State of a pair", encodings.PAIR_STATE_JSON, "pair_state"),
@@ -107,7 +113,7 @@ def _asyncapi() -> dict[str, Any]:
         "query": _QUERY,
     }
     channels = {
-        "bsm": _channel(keys.bsm("sender"), "bsmMsgpack", "bsmJson", "j2735Raw", "j2735Ode"),
+        "bsm": _channel(keys.bsm("sender"), "bsmMsgpack", "bsmJson", *_FOREIGN),
         "alert": _channel(keys.alert("kind", "suspect"), "event"),
         "pairState": _channel(keys.pair_state("follower"), "pairState"),
         "rejected": _channel(keys.rejected("reason"), "rejected"),

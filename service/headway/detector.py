@@ -20,7 +20,8 @@ from headway.core.types.identifiers import ID
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Sensor
 from headway.core.types.step_result import AnomalyEvent, RecordVerdicts
-from headway.edge.codec.decoder import Codec, DecodedRecords
+from headway.edge.codec.decoded import DecodedRecords
+from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
 from headway.edge.codec.messages import Timing, event_message
 from headway.edge.codec.payload import record_of

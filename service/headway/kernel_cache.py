@@ -19,7 +19,8 @@ def core_digest(package: Path = _PACKAGE) -> str:
 
 def kernels_digest(package: Path = _PACKAGE) -> str:
     """Return twelve hexadecimal digits that differ when any source with a compiled kernel differs."""
-    return _digest([*_core(package), package / "edge" / "codec" / "msgpack_columns.py"])
+    beside = (package / "edge" / "codec" / "msgpack_columns.py", package / "feeds" / "uper_kernel.py")
+    return _digest([*_core(package), *beside])
 
 
 def use() -> None:

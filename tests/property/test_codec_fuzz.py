@@ -12,7 +12,8 @@ from pydantic import ValidationError
 
 from headway.core.types.batch import Batch
 from headway.core.types.outcome import REJECTIONS
-from headway.edge.codec.decoder import Codec, Decoded
+from headway.edge.codec.decoded import Decoded
+from headway.edge.codec.decoder import Codec
 from headway.edge.codec.messages import encode, rejected_copy
 from headway.edge.transport.message import ReceivedMessage
 from headway_schemas import Bsm, Keys

@@ -7,7 +7,7 @@ from sim.world import SimWorld
 
 from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
-from headway.edge.codec.decoder import Decoded
+from headway.edge.codec.decoded import Decoded
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
 

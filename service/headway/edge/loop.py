@@ -12,7 +12,7 @@ import structlog
 from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import StepResult
-from headway.edge.codec.decoder import Decoded
+from headway.edge.codec.decoded import Decoded
 from headway.edge.codec.messages import DETAILS, Timing, encode, rejected_copy
 from headway.edge.context import ServiceContext
 from headway.edge.event_updates import EventUpdates

@@ -13,7 +13,8 @@ from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Sensor
 from headway.core.types.step_result import Phase
 from headway.edge.codec import decoder as codec_module
-from headway.edge.codec.decoder import Codec, Decoded
+from headway.edge.codec.decoded import Decoded
+from headway.edge.codec.decoder import Codec
 from headway.edge.codec.messages import encode, rejected_copy
 from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway_schemas import event

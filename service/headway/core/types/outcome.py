@@ -27,6 +27,8 @@ class Outcome(IntEnum):
     BUNDLE_TOO_LARGE = 18
     PAYLOAD_TOO_LARGE = 19
     UNKNOWN_ENCODING = 20
+    OTHER_MESSAGE = 21
+    UNREADABLE_TIME = 22
 
     # By the core, from the state of the sender.
     TOO_OLD = 30

@@ -6,9 +6,8 @@ reason. Each record of each payload ends in the batch or in exactly one rejectio
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain, repeat
-from operator import itemgetter
 from typing import Any, Final, cast
 
 import numpy as np
@@ -16,28 +15,37 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from headway.core.types.batch import F64, I64, Batch, Ids
+from headway.core.types.batch import F64, Ids
 from headway.core.types.identifiers import ID_BYTES, id_column
 from headway.core.types.outcome import Outcome
 from headway.edge.codec import msgpack_columns
+from headway.edge.codec.decoded import (
+    ANY_SENDER,
+    NOT_THE_SENDER,
+    Decoded,
+    DecodedRecords,
+    batch_of,
+    joined,
+    may_send,
+    received_us_of,
+)
 from headway.edge.codec.layout import Layout
 from headway.edge.codec.msgpack_columns import CompactRecords
 from headway.edge.codec.payload import Reader, RejectedPayload, shape_reason
+from headway.edge.codec.uper_batch import UPER_READERS, UperFrames
 from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
+from headway.feeds.identifiers import folded
 from headway_schemas.bsm import Bsm, Leader, from_record
-from headway_schemas.encodings import BSM_MSGPACK
+from headway_schemas.encodings import BSM_MSGPACK, J2735_ODE, J2735_RAW
 from headway_schemas.keys import Keys, has_wildcard, is_gateway, is_id
 
 _CACHED_MAX: Final = 100_000
 """Most valid keys, and most valid identifiers, in the caches; a full cache is cleared."""
-_NOT_THE_SENDER: Final = RejectReason(Outcome.IDENTITY_MISMATCH, "id is not the sender that the key names")
-_ANY_SENDER: Final = ""
-"""Owner of a gateway's key: its records may have any sender."""
 
 _BSM: Final = Layout.of(Bsm)
 _LEADER: Final = Layout.of(Leader)
 
-_RECEIVED_US: Final = itemgetter(ReceivedMessage._fields.index("received_us"))
+_J2735_JSON: Final = (J2735_RAW, J2735_ODE)
 
 _NOTHING: Final[list[Any]] = []
 """A record without fields, which no model accepts."""
@@ -60,27 +68,6 @@ _WORST_FIRST: Final = (
     Outcome.OUT_OF_RANGE,
 )
 """Of several errors in one record, the first of these names it."""
-
-
-@dataclass(frozen=True, slots=True)
-class Decoded:
-    """The decoded messages of one loop iteration."""
-
-    batch: Batch
-    sources: I64
-    """(B,) for each record of the batch, the index of its message."""
-    rejections: list[Rejection]
-
-
-@dataclass(frozen=True, slots=True)
-class DecodedRecords:
-    """R records that came in no message, taken apart."""
-
-    batch: Batch
-    places: NDArray[np.intp]
-    """(B,) of the batch's records among the R."""
-    reasons: list[tuple[int, RejectReason]]
-    """Place of each other one, and why it is rejected."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,11 +111,13 @@ class Codec:
         `clock_offset_us` takes the local receive time to Unix time.
         """
         self._clock_offset_us = clock_offset_us
-        return self._decode_compact(messages) or self._decode_any(messages)
+        return self._decode_compact(messages) or self._decode_by_form(messages)
 
     def warm_up(self) -> None:
-        """Compile or load the kernel for compact records."""
+        """Compile or load the kernels."""
         msgpack_columns.read(b"", np.empty(0, np.int64), b"", self._bundle_max)
+        for read in UPER_READERS.values():
+            read([b"\0"], np.zeros(1, np.int64))
 
     def _decode_compact(self, messages: Sequence[ReceivedMessage]) -> Decoded | None:
         """Decode valid compact records under known keys; None if a message is anything else."""
@@ -139,7 +128,7 @@ class Codec:
         if read.ids.size > len(messages):
             sources = np.repeat(sources, read.sizes)
         numbers = dict(zip(msgpack_columns.NAMES, read.numbers, strict=True))
-        batch = _batch(read.ids, read.leader_ids, numbers, _received_us(messages)[sources])
+        batch = batch_of(read.ids, read.leader_ids, numbers, received_us_of(messages)[sources])
         return Decoded(batch, sources, [])
 
     def _read_compact(self, messages: Sequence[ReceivedMessage]) -> CompactRecords | None:
@@ -155,6 +144,33 @@ class Codec:
             return None
         return msgpack_columns.read(b"".join(payloads), sizes, b"".join(cast(list[bytes], owners)), self._bundle_max)
 
+    def _decode_by_form(self, messages: Sequence[ReceivedMessage]) -> Decoded:
+        """Decode the messages of each binary feed at once, and the rest, and put all in order."""
+        forms: dict[str | None, list[int]] = {}
+        for i, message in enumerate(messages):
+            forms.setdefault(message.encoding if message.encoding in UPER_READERS else None, []).append(i)
+        if forms.keys() <= {None}:
+            return self._decode_any(messages)
+        parts = []
+        for encoding, places in forms.items():
+            of_form = messages if len(forms) == 1 else [messages[i] for i in places]
+            decoded = self._decode_any(of_form) if encoding is None else self._decode_uper(of_form, encoding)
+            parts.append(replace(decoded, sources=np.array(places, np.int64)[decoded.sources]))
+        return parts[0] if len(parts) == 1 else joined(parts)
+
+    def _decode_uper(self, messages: Sequence[ReceivedMessage], encoding: str) -> Decoded:
+        frames, rejections = UperFrames(), list[Rejection]()
+        for source, message in enumerate(messages):
+            owner = self._owner_of(message, rejections)
+            if owner is None:
+                continue
+            found = self._reader.frames(message.payload, encoding, message.received_us + self._clock_offset_us)
+            if isinstance(found, RejectedPayload):
+                rejections.append(Rejection(found.reason, message, count=found.size))
+            else:
+                frames.add(found, source, owner)
+        return frames.decode(encoding, messages, rejections)
+
     def _decode_any(self, messages: Sequence[ReceivedMessage]) -> Decoded:
         opened, rejections = self._open(messages)
         sizes = np.array(opened.sizes, dtype=np.int64)
@@ -162,16 +178,16 @@ class Codec:
         ids, leader_ids, numbers, good = self._columns(opened.records)
         owners = list(chain.from_iterable(map(repeat, opened.owners, opened.sizes)))
         if ids != owners:
-            good[[not _may_send(owner, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
+            good[[not may_send(owner, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
         if not good.all():
             places = np.arange(sources.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             for i in np.flatnonzero(~good):
-                reason = _reject_reason(opened.records[i]) or _NOT_THE_SENDER
+                reason = _reject_reason(opened.records[i]) or NOT_THE_SENDER
                 rejections.append(Rejection(reason, messages[sources[i]], index=int(places[i])))
         kept = np.flatnonzero(good)
         sources = sources[kept]
-        received_us = _received_us(messages)[sources]
-        return Decoded(_batch(*_kept(kept, ids, leader_ids, numbers), received_us), sources, rejections)
+        received_us = received_us_of(messages)[sources]
+        return Decoded(batch_of(*_kept(kept, ids, leader_ids, numbers), received_us), sources, rejections)
 
     def decode_records(self, records: list[Any], received_us: Sequence[int | None]) -> DecodedRecords:
         """Turn compact records of anybody into a batch, in their order, and name what is wrong with the rest.
@@ -183,9 +199,9 @@ class Codec:
         places = np.flatnonzero(good)
         t_us = numbers["t_us"]
         times_us = [received_us[i] if received_us[i] is not None else int(t_us[i]) for i in places.tolist()]
-        reasons = [(i, _reject_reason(records[i]) or _NOT_THE_SENDER) for i in np.flatnonzero(~good).tolist()]
+        reasons = [(i, _reject_reason(records[i]) or NOT_THE_SENDER) for i in np.flatnonzero(~good).tolist()]
         kept = _kept(places, ids, leader_ids, numbers)
-        return DecodedRecords(_batch(*kept, np.array(times_us, dtype=np.int64)), places, reasons)
+        return DecodedRecords(batch_of(*kept, np.array(times_us, dtype=np.int64)), places, reasons)
 
     def _columns(self, records: list[Any]) -> tuple[list[Any], list[Any], dict[str, F64], NDArray[np.bool_]]:
         """Return ids, ids of leaders and numbers (R,) of compact records, and which of them the model accepts."""
@@ -200,29 +216,39 @@ class Codec:
         read = self._read_compact(messages)
         if read is not None:
             return read.ids.size
-        opened, rejections = self._open(messages)
+        uper = [message for message in messages if message.encoding in UPER_READERS]
+        opened, rejections = self._open([message for message in messages if message.encoding not in UPER_READERS])
+        for message in uper:
+            found = self._reader.frames(message.payload, message.encoding, 0)
+            opened.sizes.append(found.size if isinstance(found, RejectedPayload) else len(found))
         return sum(opened.sizes) + sum(rejection.count for rejection in rejections)
 
     def _open(self, messages: Sequence[ReceivedMessage]) -> tuple[_Opened, list[Rejection]]:
         opened, rejections = _Opened([], [], [], []), list[Rejection]()
         for source, message in enumerate(messages):
-            key, payload, encoding, is_put, received_us, _ = message
-            owner = self._owners.get(key)
-            if owner is None or not is_put or len(payload) > self._payload_max_bytes:
-                reason = self._envelope_reason(message)
-                if reason is not None:
-                    rejections.append(Rejection(reason, message))
-                    continue
-                owner = self._cache_owner(key)
-            records = self._reader.read(payload, encoding, received_us + self._clock_offset_us)
+            owner = self._owner_of(message, rejections)
+            if owner is None:
+                continue
+            records = self._reader.read(message.payload, message.encoding, message.received_us + self._clock_offset_us)
             if type(records) is RejectedPayload:
                 rejections.append(Rejection(records.reason, message, count=records.size))
                 continue
             opened.records.extend(records)
             opened.sources.append(source)
             opened.sizes.append(len(records))
-            opened.owners.append(owner.rstrip(b"\0").decode())
+            opened.owners.append(folded(owner) if message.encoding in _J2735_JSON else owner)
         return opened, rejections
+
+    def _owner_of(self, message: ReceivedMessage, rejections: list[Rejection]) -> str | None:
+        """Return the only sender allowed in a message; None, with a rejection, if its envelope is wrong."""
+        owner = self._owners.get(message.key)
+        if owner is None or not message.is_put or len(message.payload) > self._payload_max_bytes:
+            reason = self._envelope_reason(message)
+            if reason is not None:
+                rejections.append(Rejection(reason, message))
+                return None
+            owner = self._cache_owner(message.key)
+        return owner.rstrip(b"\0").decode()
 
     def _envelope_reason(self, message: ReceivedMessage) -> RejectReason | None:
         if not message.is_put:
@@ -242,7 +268,7 @@ class Codec:
         sender = key.rpartition("/")[2]
         if len(self._owners) >= _CACHED_MAX:
             self._owners.clear()
-        owner = _ANY_SENDER if is_gateway(sender) else sender
+        owner = ANY_SENDER if is_gateway(sender) else sender
         return self._owners.setdefault(key, owner.encode().ljust(ID_BYTES, b"\0"))
 
     def _not_ids(self, values: list[Any]) -> NDArray[np.intp]:
@@ -283,10 +309,6 @@ class Codec:
         return leader_ids, table.numbers
 
 
-def _received_us(messages: Sequence[ReceivedMessage]) -> I64:
-    return np.fromiter(map(_RECEIVED_US, messages), np.int64, len(messages))
-
-
 def _kept(
     places: NDArray[np.intp], ids: list[Any], leader_ids: list[Any], numbers: dict[str, F64]
 ) -> tuple[Ids, Ids, dict[str, F64]]:
@@ -295,30 +317,6 @@ def _kept(
         ids, leader_ids = [ids[i] for i in places], [leader_ids[i] for i in places]
         numbers = {name: column[places] for name, column in numbers.items()}
     return id_column(ids), id_column(leader_ids), numbers
-
-
-def _batch(ids: Ids, leader_ids: Ids, numbers: dict[str, F64], received_us: I64) -> Batch:
-    return Batch(
-        ids=ids,
-        leader_ids=leader_ids,
-        msg_cnt=numbers["msg_cnt"].astype(np.int64),
-        t_us=numbers["t_us"].astype(np.int64),
-        received_us=received_us,
-        lat_deg=numbers["lat"],
-        lon_deg=numbers["lon"],
-        speed_mps=numbers["speed_mps"],
-        heading_deg=numbers["heading_deg"],
-        accel_mps2=numbers["accel_mps2"],
-        accuracy_m=numbers["accuracy_m"],
-        length_m=numbers["length_m"],
-        range_m=numbers["range_m"],
-        range_rate_mps=numbers["range_rate_mps"],
-    )
-
-
-def _may_send(owner: str, sender: Any) -> bool:
-    """Whether a key of this owner may carry a record of this sender."""
-    return owner in (_ANY_SENDER, sender)
 
 
 def _fitting(records: list[Any], layout: Layout) -> list[Any]:

@@ -5,16 +5,27 @@ is not validated yet: it may be any object.
 """
 
 import json
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Final, NamedTuple, TypeVar
 
 import msgpack
 
 from headway.core.types.outcome import Outcome
-from headway.edge.codec import j2735
 from headway.edge.transport.message import RejectReason
+from headway.feeds.cam_json import from_cam
+from headway.feeds.j2735_json import from_ode, from_raw, messages_in
+from headway.feeds.refusal import Refusal, Result
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, WIRE_VERSION
-from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, J2735_ODE, J2735_RAW
+from headway_schemas.encodings import (
+    BSM_JSON,
+    BSM_MSGPACK,
+    CAM_JSON,
+    CAM_UPER,
+    J2735_ODE,
+    J2735_RAW,
+    J2735_UPER,
+)
+from headway_schemas.frames import Frame, is_bundle, unpack
 
 _MAP_MAX: Final = 64
 """Entries of the largest map in a msgpack payload: a message has fourteen."""
@@ -23,6 +34,12 @@ _LEADER_FIELD_SET: Final = frozenset(LEADER_FIELDS)
 
 Records = list[Any]
 """Compact records; a `RejectReason` or another object where the sender sent no record."""
+_JSON_FEEDS: Final[dict[str, Callable[[object, int], Result]]] = {
+    J2735_RAW: from_raw,
+    J2735_ODE: from_ode,
+    CAM_JSON: from_cam,
+}
+UPER_FEEDS: Final = (J2735_UPER, CAM_UPER)
 
 
 class RejectedPayload(NamedTuple):
@@ -31,6 +48,9 @@ class RejectedPayload(NamedTuple):
     reason: RejectReason
     size: int = 1
     """Records in it; one where they cannot be counted."""
+
+
+_Item = TypeVar("_Item")
 
 
 class _BundleTooLargeError(Exception):
@@ -48,8 +68,7 @@ class Reader:
         self._readers: dict[str, Callable[[bytes, int], Records]] = {
             BSM_MSGPACK: self._read_msgpack,
             BSM_JSON: self._read_json,
-            J2735_RAW: self._read_j2735_raw,
-            J2735_ODE: self._read_j2735_ode,
+            **{encoding: self._json_feed(convert) for encoding, convert in _JSON_FEEDS.items()},
         }
 
     def read(self, payload: bytes, encoding: str, received_us: int) -> Records | RejectedPayload:
@@ -57,10 +76,21 @@ class Reader:
         reader = self._readers.get(encoding)
         if reader is None:
             return RejectedPayload(
-                RejectReason(Outcome.UNKNOWN_ENCODING, "encoding is none of " + ", ".join(self._readers))
+                RejectReason(
+                    Outcome.UNKNOWN_ENCODING, "encoding is none of " + ", ".join((*self._readers, *UPER_FEEDS))
+                )
             )
+        return self._bounded(lambda: reader(payload, received_us), encoding)
+
+    def frames(self, payload: bytes, encoding: str, received_us: int) -> list[Frame] | RejectedPayload:
+        """Return the binary messages of a payload: one, or those of a bundle."""
+        if not is_bundle(payload):
+            return [Frame(payload, received_us, "")]
+        return self._bounded(lambda: self._unpacked(payload), encoding)
+
+    def _bounded(self, read: Callable[[], list[_Item]], encoding: str) -> list[_Item] | RejectedPayload:
         try:
-            return reader(payload, received_us)
+            return read()
         except _BundleTooLargeError as error:
             reason = RejectReason(Outcome.BUNDLE_TOO_LARGE, f"{error.size} records, at most {self._bundle_max}")
             return RejectedPayload(reason, error.size)
@@ -82,11 +112,23 @@ class Reader:
     def _read_json(self, payload: bytes, _received_us: int) -> Records:
         return self._records(_json(payload))
 
-    def _read_j2735_raw(self, payload: bytes, received_us: int) -> Records:
-        return [j2735.from_raw(message, received_us) for message in self._messages(payload)]
+    def _json_feed(self, convert: Callable[[object, int], Result]) -> Callable[[bytes, int], Records]:
+        def converted(payload: bytes, received_us: int) -> Records:
+            return [_record_or_reason(convert(message, received_us)) for message in self._messages(payload)]
 
-    def _read_j2735_ode(self, payload: bytes, received_us: int) -> Records:
-        return [j2735.from_ode(message, received_us) for message in self._messages(payload)]
+        def read(payload: bytes, received_us: int) -> Records:
+            if not is_bundle(payload):
+                return converted(payload, received_us)
+            records: Records = []
+            for frame in self._unpacked(payload):
+                try:
+                    records += converted(frame.payload, frame.received_us)
+                except (ValueError, RecursionError):
+                    records.append(RejectReason(Outcome.MALFORMED, "a frame that is not JSON"))
+            self._require_size(records)
+            return records
+
+        return read
 
     def _records(self, content: Any) -> Records:
         if type(content) is list and content:
@@ -100,17 +142,33 @@ class Reader:
         raise ValueError("neither a message nor a bundle of messages")
 
     def _messages(self, payload: bytes) -> list[Any]:
-        content = _json(payload)
-        if type(content) is not list:
-            return [content]
-        if not content:
+        messages = messages_in(_json(payload))
+        if not messages:
             raise ValueError("no message")
-        self._require_size(content)
-        return content
+        self._require_size(messages)
+        return messages
 
-    def _require_size(self, bundle: list[Any]) -> None:
+    def _unpacked(self, payload: bytes) -> list[Frame]:
+        size = _msgpack_array_size(payload)
+        if self._bundle_max < size <= len(payload):
+            raise _BundleTooLargeError(size)
+        frames = unpack(payload, self._bundle_max)
+        if not frames:
+            raise ValueError("no frame")
+        return frames
+
+    def _require_size(self, bundle: Sequence[object]) -> None:
         if len(bundle) > self._bundle_max:
             raise _BundleTooLargeError(len(bundle))
+
+
+def reason_of(refusal: Refusal) -> RejectReason:
+    """Return a refusal of a feed as the service's own."""
+    return RejectReason(Outcome[refusal.reason.upper()], refusal.detail)
+
+
+def _record_or_reason(result: Result) -> list[Any] | RejectReason:
+    return reason_of(result) if isinstance(result, Refusal) else result
 
 
 def record_of(message: Mapping[str, Any]) -> list[Any] | RejectReason:
