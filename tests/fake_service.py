@@ -199,6 +199,8 @@ def found(journal: list[Event], queries: AlertsQuery) -> list[Event]:
         and queries.kind in {None, e.kind}
         and queries.phase in {None, e.phase}
         and queries.event in {None, e.event_id}
+        and queries.instance in {None, e.instance}
+        and (e.sequence or 0) > (queries.after_sequence or -1)
         and queries.vehicle in {None, e.suspect, e.follower, e.leader}
     ]
     wanted.sort(key=lambda e: e.detected_us, reverse=True)

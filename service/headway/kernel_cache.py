@@ -2,12 +2,16 @@
 
 import fcntl
 import hashlib
+import json
 import os
+import pickletools
 from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from io import BytesIO
 from pathlib import Path
 
 LOCK = "lock"
+CHECKSUMS = "checksums.json"
 
 _PACKAGE = Path(__file__).parent
 
@@ -50,6 +54,9 @@ def alone() -> Iterator[None]:
     numba numbers its files without regard to other processes. Of two processes that compile one kernel for rows of
     different delays, the second overwrites the file that the index gives for the first, which then runs code for other
     rows. If the folder is read-only there is no lock, because no process fills it.
+
+    Damaged files are removed first, so that their kernels are compiled again: numba raises on a file that is cut short,
+    and machine code with a wrong bit ends the process.
     """
     folder = _folder()
     with ExitStack() as held:
@@ -57,7 +64,38 @@ def alone() -> Iterator[None]:
             folder.mkdir(parents=True, exist_ok=True)
             lock = held.enter_context((folder / LOCK).open("w"))
             fcntl.flock(lock, fcntl.LOCK_EX)
+            _remove_damaged(folder)
         yield
+        with suppress(OSError):
+            (folder / CHECKSUMS).write_text(json.dumps(_checksums(folder)), encoding="utf-8")
+
+
+def _remove_damaged(folder: Path) -> None:
+    """Remove each file that is not as it was noted, and each one not noted that cannot be read."""
+    try:
+        noted = dict(json.loads((folder / CHECKSUMS).read_text(encoding="utf-8")))
+    except (OSError, ValueError, TypeError):
+        noted = {}
+    for name, checksum in _checksums(folder).items():
+        if not (noted[name] == checksum if name in noted else _is_readable(folder / name)):
+            (folder / name).unlink()
+
+
+def _checksums(folder: Path) -> dict[str, str]:
+    files = [file for ending in ("nbi", "nbc") for file in folder.rglob(f"*.{ending}")]
+    return {str(file.relative_to(folder)): hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+
+
+def _is_readable(file: Path) -> bool:
+    """Whether the file is as long as numba wrote it: a pickle ends with its own mark."""
+    try:
+        content = BytesIO(file.read_bytes())
+        while content.tell() < content.getbuffer().nbytes:
+            for _ in pickletools.genops(content):
+                pass
+    except ValueError:
+        return False
+    return content.tell() > 0
 
 
 def kept() -> int:

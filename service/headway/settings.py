@@ -182,7 +182,7 @@ class Settings(BaseSettings):
         1_000.0, "Largest journal; beyond it the oldest event updates are deleted.", "MB", ge=1, le=1e6
     )
     snapshot_interval_s: float = _setting(
-        30.0, "Time between two snapshots of the detector; one more follows at the end.", "s", ge=1, le=3600
+        1.0, "Time between two snapshots of the detector; one more follows at the end.", "s", ge=0.1, le=3600
     )
 
     http_host: str = _setting("127.0.0.1", "Address of /metrics, /livez and /readyz.")

@@ -8,7 +8,7 @@ from rich.console import Console
 
 from headway.client import Connection
 from headway.dashboard.watch import Watcher, json_lines, plain_lines, screen, watch
-from headway_schemas import Phase
+from headway_schemas import Event, Phase
 
 
 def watcher(feed: FakeFeed, since_us: int = 0) -> Watcher:
@@ -49,6 +49,23 @@ def test_history_is_asked_for_once_a_link() -> None:
 def test_history_from_the_start_on_where_only_news_is_wanted() -> None:
     feed = FakeFeed([event(1), event(2, t_us=START_US + 10)])
     assert [s["event_id"] for s in watcher(feed, START_US + 2_305).refresh()["updates"]] == ["veh-0002-2"]
+
+
+def numbered(n: int, sequence: int) -> Event:
+    return event(n, t_us=START_US + n).model_copy(update={"instance": "rsu-1", "sequence": sequence})
+
+
+def test_updates_that_were_not_received_are_asked_for() -> None:
+    feed = FakeFeed([])
+    watching = watcher(feed)
+    feed.deliver(numbered(1, 1))
+    watching.refresh()
+    feed.journal = [numbered(2, 2), numbered(3, 3)]
+    feed.deliver(numbered(4, 4))
+    assert {row["event_id"] for row in watching.refresh()["updates"]} == {f"veh-000{n}-{n}" for n in (2, 3, 4)}
+    assert [(q.instance, q.after_sequence) for q in feed.queries[1:]] == [("rsu-1", 1)]
+    watching.refresh()
+    assert len(feed.queries) == 2
 
 
 def shown(watching: Watcher, height: int, width: int = 140) -> str:

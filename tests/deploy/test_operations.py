@@ -4,6 +4,7 @@ import json
 import re
 import socket
 from collections.abc import Iterator
+from queue import SimpleQueue
 
 import pytest
 import typer
@@ -102,7 +103,7 @@ def test_a_table_tells_of_all_there_is_and_of_nothing_else(title: str, there: li
 def test_every_reason_for_not_telling_is_explained() -> None:
     config = BusConfig(
         instance="i", mode="peer", connect=(), listen=(), options=None,
-        connect_timeout_s=1.0, block_timeout_s=1.0, alert_limit=1,
+        connect_timeout_s=1.0, block_timeout_s=1.0, alert_limit=1, payload_max_bytes=1,
     )  # fmt: skip
     bus = ZenohBus(config, Keys("v2x", "s"), SystemClock(), ReceiveQueue(1, 1, 1, len))
     dropped = set(bus.dropped)
@@ -191,34 +192,41 @@ def event(suspect: str) -> Event:
     )  # fmt: skip
 
 
-def test_the_example_in_python_shows_the_history_and_what_is_new(
-    router: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_the_example_in_python_shows_the_history_what_is_new_and_what_was_missed(
+    router: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     [example] = re.findall(r"```python\n(.*?)```", GUIDE, re.DOTALL)
     keys, service = Keys("v2x", "local"), zenoh.Config()
     service.insert_json5("mode", '"client"')
     service.insert_json5("connect/endpoints", json.dumps([router]))
     shown: list[str] = []
+    parameters: list[str] = []
     with zenoh.open(service) as session:
 
         def answer(query: zenoh.Query) -> None:
-            query.reply(keys.alerts, EVENTS.dump_json([event("old")]))
+            parameters.append(str(query.parameters))
+            name = "missed" if "after_sequence" in parameters[-1] else "old"
+            query.reply(keys.alerts, EVENTS.dump_json([event(name)]))
             query.drop()
 
-        def publish_until_shown(_prompt: str) -> str:
-            def documented() -> bool:
-                session.put(keys.alert("bias", "new"), event("new").model_dump_json())
-                shown.append(capsys.readouterr().out)
-                return "new" in "".join(shown)
+        def published(sequence: int) -> bool:
+            update = event("new").model_copy(update={"instance": "i", "sequence": sequence})
+            session.put(keys.alert("bias", "new"), update.model_dump_json())
+            shown.append(capsys.readouterr().out)
+            return "new" in "".join(shown)
 
-            until(documented)
-            return ""
+        def wait(missed: SimpleQueue[str]) -> str:
+            if len(parameters) > 1:
+                return ""
+            until(lambda: published(7))
+            published(9)
+            return missed.get(timeout=10.0)
 
         asked = session.declare_queryable(keys.alerts, answer)
-        monkeypatch.setattr("builtins.input", publish_until_shown)
         assert "tcp/127.0.0.1:7447" in example
-        exec(compile(example.replace("tcp/127.0.0.1:7447", router), "example", "exec"), {})
+        example = example.replace("tcp/127.0.0.1:7447", router).replace("missed.get()", "wait(missed)")
+        exec(compile(example, "example", "exec"), {"wait": wait})
         asked.undeclare()
-    lines = "".join(shown).splitlines()
-    assert lines[0].split()[:3] == ["onset", "bias", "old"]
-    assert lines[-1].split()[:3] == ["onset", "bias", "new"]
+    lines = [line.split()[2] for line in ("".join(shown) + capsys.readouterr().out).splitlines()]
+    assert (lines[0], lines[1], lines[-1]) == ("old", "new", "missed")
+    assert parameters[1:] == ["instance=i;after_sequence=7"]

@@ -122,6 +122,7 @@ class Members:
             connect_timeout_s=2.0,
             block_timeout_s=10.0,
             alert_limit=100,
+            payload_max_bytes=1 << 16,
         )
         bus = ZenohBus(config, KEYS, SystemClock(), ReceiveQueue(1_000, 1 << 24, 10**12, len, 10**9))
         assert bus.open(lambda _: False)

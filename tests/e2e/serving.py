@@ -31,8 +31,9 @@ BLOCK = zenoh.CongestionControl.BLOCK
 class Service:
     """The process and how to look at it from outside."""
 
-    def __init__(self, folder: Path, more: dict[str, str] | None = None) -> None:
-        self.endpoint = free_endpoint()
+    def __init__(self, folder: Path, more: dict[str, str] | None = None, endpoint: str | None = None) -> None:
+        folder.mkdir(exist_ok=True)
+        self.endpoint = endpoint or free_endpoint()
         self._log = folder / "log"
         settings = {
             "HEADWAY_SITE": KEYS.site,
@@ -73,6 +74,19 @@ class Service:
             for sample in family.samples
             if sample.name == name
         }
+
+    def judged(self) -> int:
+        """Records that it scored, or would have if their vehicle were warm."""
+        outcomes = self.metric("headway_records_total")
+        return round(outcomes["scored"] + outcomes["warming"])
+
+    def said(self, event: str) -> list[dict]:
+        """Lines of its log."""
+        return [line for line in self.log() if line["event"].startswith(event)]
+
+    def kill(self) -> None:
+        self.process.kill()
+        self.process.wait(10.0)
 
     def stop(self) -> int:
         self.process.send_signal(signal.SIGTERM)

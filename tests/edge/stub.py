@@ -34,6 +34,9 @@ class StubEngine:
     def ignore_gaps_before(self, until_us: int) -> None:
         self.gaps_ignored_before_us.append(until_us)
 
+    def absent_until(self, until_us: int) -> None:
+        self.absent_until_us = until_us
+
     def states(self, stride: int = 1, phase: int = 0) -> PairStates:
         rows = np.arange(phase, self.vehicles, stride)
         n = rows.size

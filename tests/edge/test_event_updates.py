@@ -73,10 +73,20 @@ def test_an_event_that_goes_on_is_not_cut_off(updates) -> None:
 
 def test_what_was_left_open_is_ended(updates) -> None:
     [onset] = of(updates, 0.0, event())
-    ended = updates.end(onset, 77).event
+    assert updates.end_others({onset.event_id}, 70) == []
+    [ended] = [update.event for update in updates.end_others(set(), 77)]
+    assert not updates.has_open
     assert (ended.phase, ended.detected_us, ended.sequence, ended.evidence) == (Phase.CLEARED, 77, 2, None)
     again = updates.again(onset)
     assert (again.event, again.key) == (onset, KEYS.alert(onset.kind, onset.suspect))
+
+
+def test_what_a_process_before_left_open_is_ended(updates) -> None:
+    [onset] = of(updates, 0.0, event())
+    after = EventUpdates(IDENTITY, KEYS, burst=BURST, refill_s=REFILL_S)
+    after.adopt([onset])
+    assert [update.event.event_id for update in after.end_others(set(), 77)] == [onset.event_id]
+    assert after.end_others(set(), 78) == []
 
 
 def test_a_summary_ends_although_its_vehicle_left_without_an_end(updates) -> None:

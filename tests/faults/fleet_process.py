@@ -20,13 +20,13 @@ INTERVAL_S = 0.1
 ROADS_APART_DEG = 0.01
 
 
-def record(car: int, k: int, t_us: int, offset_m: float, rng: np.random.Generator) -> list[object]:
+def record(name: str, car: int, k: int, t_us: int, offset_m: float, rng: np.random.Generator) -> list[object]:
     """Return message `k` of a car as a compact record, its place off by `offset_m`."""
     x_m = SPEED_MPS * INTERVAL_S * k - GAP_M * (car % 2) + offset_m + rng.normal(0.0, NOISE_M)
     lat = 42.0 + x_m / M_PER_DEG
     lon = -83.0 + ROADS_APART_DEG * (car // 2)
     speed_mps = SPEED_MPS + rng.normal(0.0, NOISE_MPS)
-    return [1, f"car-{car}", k % 128, t_us, lat, lon, speed_mps, 0.0, None, None, None, 4.5]
+    return [1, name, k % 128, t_us, lat, lon, speed_mps, 0.0, None, None, None, 4.5]
 
 
 def main() -> None:
@@ -39,6 +39,8 @@ def main() -> None:
     parser.add_argument("--fault-s", type=float, default=5.0)
     parser.add_argument("--fault-every-s", type=float, default=float("inf"), help="a second of fault each time")
     parser.add_argument("--offset-m", type=float, default=20.0)
+    parser.add_argument("--until-s", type=float, default=float("inf"), help="no fault from then on")
+    parser.add_argument("--prefix", default="car", help="of the ids")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
 
@@ -51,24 +53,22 @@ def main() -> None:
     ):
         config.insert_json5(key, json.dumps(value))
     keys, rng = Keys("v2x", options.site), np.random.default_rng(options.seed)
-    sent = [0] * options.cars
+    names = [f"{options.prefix}-{car}" for car in range(options.cars)]
+    sent = dict.fromkeys(names, 0)
     with zenoh.open(config) as session:
         start_s = time.monotonic()
         for k in range(round(options.seconds / INTERVAL_S)):
             time.sleep(max(0.0, start_s + k * INTERVAL_S - time.monotonic()))
             since_s = k * INTERVAL_S - options.fault_s
-            is_off = since_s >= 0.0 and since_s % options.fault_every_s < 1.0
-            for car in range(options.cars):
+            is_off = since_s >= 0.0 and since_s % options.fault_every_s < 1.0 and k * INTERVAL_S < options.until_s
+            for car, name in enumerate(names):
                 offset_m = options.offset_m if is_off and car >= options.cars - options.faulty else 0.0
-                message = msgpack.packb(record(car, k, time.time_ns() // 1000, offset_m, rng))
+                message = msgpack.packb(record(name, car, k, time.time_ns() // 1000, offset_m, rng))
                 session.put(
-                    keys.bsm(f"car-{car}"),
-                    message,
-                    encoding=BSM_MSGPACK,
-                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    keys.bsm(name), message, encoding=BSM_MSGPACK, congestion_control=zenoh.CongestionControl.BLOCK
                 )
-                sent[car] += 1
-    print(json.dumps({f"car-{car}": count for car, count in enumerate(sent)}))
+                sent[name] += 1
+    print(json.dumps(sent))
 
 
 if __name__ == "__main__":

@@ -70,7 +70,7 @@ class Process:
 class Fleet(Process):
     """Cars that drive in pairs (`fleet_process`)."""
 
-    def __init__(self, endpoint: str, site: str, *, cars: int, seconds: float, **options: float) -> None:
+    def __init__(self, endpoint: str, site: str, *, cars: int, seconds: float, **options: float | str) -> None:
         more = [word for name, value in options.items() for word in (f"--{name.replace('_', '-')}", str(value))]
         arguments = ["--endpoint", endpoint, "--site", site, "--cars", str(cars), "--seconds", str(seconds), *more]
         super().__init__("fleet_process.py", arguments)
@@ -99,10 +99,24 @@ class Subscriber(Process):
         return [json.loads(line) for line in self.lines[1:]]
 
 
+class Flood(Process):
+    """One sender at full speed (`flood_process`)."""
+
+    def __init__(self, endpoint: str, site: str, *, seconds: float, payload_bytes: int = 0) -> None:
+        arguments = ["--endpoint", endpoint, "--site", site, "--seconds", str(seconds)]
+        super().__init__("flood_process.py", [*arguments, "--payload-bytes", str(payload_bytes)])
+        self._seconds = seconds
+
+    def sent(self) -> int:
+        """Wait for the end; return how many messages it sent."""
+        return int(self.wait(self._seconds + 60.0)[-1])
+
+
 class Router(Process):
     """A router with a configuration file (`router_process`)."""
 
     def __init__(self, endpoint: str, file: Path) -> None:
+        self.endpoint = endpoint
         super().__init__("router_process.py", [endpoint, str(file)])
 
     @property

@@ -32,6 +32,7 @@ class MemoryBus:
         self.unwanted: set[Channel] = set()
         self.queries: deque[MemoryQuery] = deque()
         self.dropped: dict[str, int] = {}
+        self.disconnected_subscribers = 0
         self.peers = 1
         self.connected = True
         self.subscribed = True

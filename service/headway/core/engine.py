@@ -65,6 +65,10 @@ class Engine:
         """Start no miss for a silence before local time `until_us`: the service lost messages itself."""
         self._site.reception.ignore_gaps_before(until_us)
 
+    def absent_until(self, until_us: int) -> None:
+        """Let no vehicle be silent before local time `until_us`: the service could not receive at all."""
+        self._site.reception.absent_until(until_us)
+
     def states(self, stride: int = 1, phase: int = 0) -> PairStates:
         """Return the vehicles whose row is `phase` modulo `stride`, as columns."""
         return pair_states(self._site, stride, phase)
@@ -77,10 +81,10 @@ class Engine:
         return take_snapshot(self._site, stride, phase)
 
     def restore(self, snapshot: Snapshot, now_us: int) -> int:
-        """Continue with the vehicles of a snapshot whose last message is younger than `vehicle_ttl_s`; return how many.
+        """Continue with the vehicles of a snapshot; return how many.
 
         This engine must not know any vehicle yet. The snapshot must come from its configuration and from this version
-        of the core. A silence before `now_us` is not a miss: the service did not receive then.
+        of the core. No vehicle is silent before `now_us`, because the service did not receive then.
         """
         vehicles = restore_snapshot(self._site, snapshot, now_us)
         self._housekeeping.count_pairs()

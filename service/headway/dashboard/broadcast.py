@@ -98,6 +98,8 @@ class Broadcaster:
         """Fetch the newest history after each connection and each start of an instance: events may be missing."""
         fetched, attempt = (0, 0), 0
         while True:
+            if self._view_state.missing:
+                await self._fill_gap()
             due = (self._feed.connection.connections, self._view_state.instance_starts)
             if due != fetched and self._feed.connection.connected:
                 history = await self.history(self.sites, _CATCH_UP)
@@ -109,6 +111,15 @@ class Broadcaster:
                     await asyncio.sleep(_RETRY_S[min(attempt, len(_RETRY_S) - 1)])
                     attempt += 1
             await asyncio.sleep(REFRESH_S)
+
+    async def _fill_gap(self) -> None:
+        """Fetch the updates of one gap; try again when no journal answers."""
+        site, query = gap = self._view_state.missing.pop(0)
+        history = await self.history([site], query)
+        for event in reversed(history.events):
+            self._view_state.apply_event(event, self.revision + 1)
+        if not history.answers:
+            self._view_state.missing.append(gap)
 
     def _known(self, event_id: str) -> list[Event]:
         return [event for event in self._view_state.updates if event.event_id == event_id]

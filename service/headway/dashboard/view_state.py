@@ -10,6 +10,8 @@ from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 from headway.client import SiteMessage
 from headway_schemas import Event, Health, PairState, RejectedCopy
+from headway_schemas.query import LIMIT_MAX, AlertsQuery
+from headway_schemas.sequence import SequenceGaps
 
 Row: TypeAlias = dict[str, Any]
 
@@ -88,6 +90,9 @@ class ViewState:
         self.copies: Table[int, Row] = Table(COPY_LIMIT)
         self.instance_starts = 0
         """Starts of instances, new or again: each may have events from before."""
+        self.missing: list[tuple[str, AlertsQuery]] = []
+        """Sites and queries for the event updates that were published and not received."""
+        self._gaps = SequenceGaps()
         self._copies_received = 0
 
     def apply(self, received: SiteMessage, revision: int) -> None:
@@ -96,6 +101,10 @@ class ViewState:
             case PairState() as state:
                 self.pairs.put((state.site, state.follower), pair_row(state), revision)
             case Event() as event:
+                after = self._gaps.missing_after(event)
+                if after is not None:
+                    query = AlertsQuery(instance=event.instance, after_sequence=after, limit=LIMIT_MAX)
+                    self.missing.append((event.site, query))
                 self.apply_event(event, revision)
             case Health() as health:
                 self._apply_health(health, revision)

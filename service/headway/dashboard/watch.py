@@ -90,6 +90,7 @@ class Watcher:
         before, self.revision = self.revision, max(wall_us(), self.revision + 1)
         for received in self.feed.drain():
             self.view_state.apply(received, self.revision)
+        self._fill_gaps()
         self._catch_up()
         self.view_state.evict(self.revision)
         return self.view_state.delta(before)
@@ -105,6 +106,16 @@ class Watcher:
         self._attempts += 1
         if history.answers or self._attempts >= _HISTORY_ATTEMPTS:
             self._caught_up, self._attempts = connection.connections, 0
+
+    def _fill_gaps(self) -> None:
+        """Fetch the updates that were published and not received; what no journal answers is asked for again."""
+        gaps, self.view_state.missing = self.view_state.missing, []
+        for site, query in gaps:
+            history = self.feed.history([site], query)
+            for event in reversed(history.events):
+                self.view_state.apply_event(event, self.revision)
+            if not history.answers:
+                self.view_state.missing.append((site, query))
 
 
 def _print_lines(watcher: Watcher, ended: threading.Event, notice: ContactNotice, *, as_json: bool) -> None:

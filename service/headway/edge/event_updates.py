@@ -4,7 +4,7 @@ A suspect publishes its first events one by one. Beyond its quota they are summa
 that no sender fills the journal or the bus, however often it raises an alarm.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Container, Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -55,10 +55,21 @@ class EventUpdates:
         self._burst = burst
         self._refill_ns = refill_s * 1e9
         self._suspects: dict[str, _Suspect] = {}
+        self._open: dict[str, Event] = {}
+        """The newest update of each event that has no end yet, without evidence."""
         self._sequence = 0
         self._looked_ns = 0
         self.summarised = 0
         """Events that were counted in a summary and not published."""
+
+    @property
+    def has_open(self) -> bool:
+        """Whether any published event has no end yet."""
+        return bool(self._open)
+
+    def adopt(self, events: Iterable[Event]) -> None:
+        """Take over events that a process before this one published and did not end."""
+        self._open |= {event.event_id: event for event in events}
 
     def resume_after(self, sequence: int) -> None:
         """Go on after a sequence number."""
@@ -66,19 +77,22 @@ class EventUpdates:
 
     def of(self, events: Iterable[AnomalyEvent], now_ns: int, timing: Timing) -> list[EventUpdate]:
         """Return the updates to publish; `now_ns` is monotonic and decides quotas."""
-        updates = [
-            self._number(event_message(event, self._identity, timing))
-            for event in events
-            if self._admit(event, now_ns, timing)
-        ]
+        updates = []
+        for event in events:
+            if self._admit(event, now_ns, timing):
+                message = event_message(event, self._identity, timing)
+                self._open[event.event_id] = message.model_copy(update={"evidence": None})
+                updates.append(self._number(message))
         if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
             self._looked_ns = now_ns
             updates += map(self._number, self._summaries(now_ns, timing.detected_us))
         return updates
 
-    def end(self, event: Event, now_us: int) -> EventUpdate:
-        """Return the end of an event that a process before this one published."""
-        return self._number(event.model_copy(update={"phase": Phase.CLEARED, "detected_us": now_us, "evidence": None}))
+    def end_others(self, known: Container[str], now_us: int) -> list[EventUpdate]:
+        """Return the ends of the open events that are not among the known ids."""
+        end = {"phase": Phase.CLEARED, "detected_us": now_us, "evidence": None}
+        ended = [event for event_id, event in self._open.items() if event_id not in known]
+        return [self._number(event.model_copy(update=end)) for event in ended]
 
     def again(self, event: Event) -> EventUpdate:
         """Return an update that a process before this one may not have published, as it was."""
@@ -86,6 +100,8 @@ class EventUpdates:
 
     def _number(self, event: Event) -> EventUpdate:
         self._sequence += 1
+        if event.phase is Phase.CLEARED:
+            self._open.pop(event.event_id, None)
         numbered = event.model_copy(update={"instance": self._identity.instance, "sequence": self._sequence})
         return self.again(numbered)
 

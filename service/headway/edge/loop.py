@@ -33,6 +33,10 @@ _QUIET_IDLE_FACTOR: Final = 10
 """After `_QUIET_NS` without a message the pause is this many times longer."""
 _COPIES_NS: Final = 1_000_000_000
 """`rejected_rate_hz` counts copies within this time."""
+_SENDERS_BACK_NS: Final = 10_000_000_000
+"""After the bus is back, senders reconnect within this time; if no message comes, there are none."""
+_OPEN_NS: Final = 1_000_000_000
+"""How often events are looked for that the detector has dropped, with their vehicle, and that still need an end."""
 _COLLECT_IDLE_NS: Final = 10_000_000_000
 _COLLECT_NS: Final = 60_000_000_000
 
@@ -69,11 +73,17 @@ class ServiceLoop:
         self._tick_ns = self._iteration_ns = self._received_ns = self._collected_ns = self._copies_ns = (
             clock.monotonic_ns()
         )
+        self._open_ns = self._tick_ns
         self._copies: Counter[Outcome] = Counter()
         self._event_updates = EventUpdates(
             context.identity, context.keys, burst=config.suspect_burst, refill_s=config.suspect_refill_s
         )
         self._shed = 0
+        self._until_us = 0
+        """Local time until which every message has reached the engine."""
+        self._reconnected_ns = 0
+        self._absent_us: int | None = None
+        """Unix time since which the service has not received; None: it receives."""
 
     def resume(self, resumed: Resumed) -> None:
         """Publish what the process before this one wrote and perhaps did not publish, and end what it left open."""
@@ -81,13 +91,16 @@ class ServiceLoop:
         for event in resumed.unpublished:
             update = self._event_updates.again(event)
             self._bus.publish(Channel.ALERT, update.key, update.payload)
-        known, now_us = self._engine.open_event_ids, self._clock.wall_us()
-        ended = [event for event in resumed.open_events if event.event_id not in known]
-        self._publish([self._event_updates.end(event, now_us) for event in ended])
+        self._event_updates.adopt(resumed.open_events)
+        known = self._engine.open_event_ids if resumed.open_events else set()
+        self._end_dropped(now_ns=self._clock.monotonic_ns() + _OPEN_NS)
+        if self._persistence is not None:
+            self._absent_us = self._persistence.snapshots.newest_us or None
         if resumed.unpublished or resumed.open_events:
+            continued = sum(event.event_id in known for event in resumed.open_events)
             _log.info(
-                "events resumed", published_again=len(resumed.unpublished), ended=len(ended),
-                continued=len(resumed.open_events) - len(ended),
+                "events resumed", published_again=len(resumed.unpublished), continued=continued,
+                ended=len(resumed.open_events) - continued,
             )  # fmt: skip
 
     def run(self, stopping: Callable[[], bool]) -> None:
@@ -121,6 +134,7 @@ class ServiceLoop:
             self._tick_ns = now_ns + _TICK_NS
             self._detect(messages, now_ns)
         self._check_connection(now_ns)
+        self._end_dropped(now_ns)
         self._reporter.tick(now_ns)
         if self._persistence is not None:
             self._persistence.tick(now_ns)
@@ -130,6 +144,9 @@ class ServiceLoop:
         health, connected = self._health, self._bus.connected
         if connected != health.connected:
             _log.info("connected" if connected else "disconnected", peers=self._bus.peers)
+            self._reconnected_ns = now_ns
+            if self._absent_us is None and not connected:
+                self._absent_us = self._until_us + self._clock.wall_us() - self._clock.local_us()
         health.connected, health.subscribed, health.last_iteration_ns = connected, self._bus.subscribed, now_ns
 
     def _detect(self, messages: list[ReceivedMessage], drained_ns: int) -> None:
@@ -154,13 +171,39 @@ class ServiceLoop:
         """Return the time until which every message has reached the engine, which is its time for silence.
 
         While messages wait it is the receive time of the last one processed, so that no vehicle counts as silent
-        whose messages still wait here or were shed.
+        whose messages still wait here or were shed. It stands still from the loss of the bus until senders are back.
         """
-        until_us = messages[-1].received_us if messages and self._bus.waiting else drained_us
+        if self._absent_us is not None:
+            waited_ns = self._iteration_ns - self._reconnected_ns
+            if messages or (self._health.connected and waited_ns > _SENDERS_BACK_NS):
+                self._end_absence(drained_us)
+            elif self._until_us:
+                return self._until_us
+        until_us = self._until_us = messages[-1].received_us if messages and self._bus.waiting else drained_us
         if self._bus.shed != self._shed:
             self._shed = self._bus.shed
             self._engine.ignore_gaps_before(until_us)
         return until_us
+
+    def _end_absence(self, now_us: int) -> None:
+        """Tell the span in which messages were sent and could not be received; no vehicle was silent in it."""
+        assert self._absent_us is not None
+        end_us = now_us + self._clock.wall_us() - self._clock.local_us()
+        seconds = max(0.0, (end_us - self._absent_us) / 1e6)
+        self._ledger.absent_s += seconds
+        _log.warning(
+            "what was sent in this time was not received", from_us=self._absent_us, to_us=end_us, seconds=seconds
+        )
+        self._absent_us = None
+        self._engine.absent_until(now_us)
+
+    def _end_dropped(self, now_ns: int) -> None:
+        """Publish the end of events that the detector dropped without one, such as those of evicted vehicles."""
+        if now_ns - self._open_ns < _OPEN_NS:
+            return
+        self._open_ns = now_ns
+        if self._event_updates.has_open:
+            self._publish(self._event_updates.end_others(self._engine.open_event_ids, self._clock.wall_us()))
 
     def _publish(self, updates: list[EventUpdate]) -> None:
         """Publish event updates; with persistence only after the journal has committed them."""

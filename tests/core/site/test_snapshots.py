@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from core.traffic import LATENCY_US, Platoon, batch
+from core.traffic import Platoon, batch
 
 from headway.core.engine import Engine
 from headway.core.replay import replay
@@ -83,12 +83,22 @@ def test_a_vehicle_that_falls_silent_after_the_restart_is_missed() -> None:
     assert [(event.kind, event.suspect) for event in events] == [(Kind.MISS, "car1")]
 
 
-def test_a_vehicle_silent_for_too_long_is_not_restored() -> None:
+def test_the_time_without_a_service_is_no_silence() -> None:
     platoon = Platoon(3)
-    engine = driven(60, platoon)
-    late = platoon.t_us + LATENCY_US + int(CONFIG.vehicle_ttl_s * 1e6)
-    assert restored(engine, late).vehicles == 0
-    assert restored(engine, late - 200_000).vehicles == 3
+    engine, hour_us, ttl_us = driven(60, platoon), 3_600_000_000, int(CONFIG.vehicle_ttl_s * 1e6)
+    late = platoon.t_us + hour_us
+    other = restored(engine, late)
+    nothing = batch([], [], [], [])
+    assert other.step(nothing, late + ttl_us).evicted == 0
+    assert other.step(nothing, late + ttl_us + 200_000).evicted == 3
+
+
+def test_a_vehicle_silent_for_too_long_before_the_snapshot_is_not_restored() -> None:
+    platoon = Platoon(3)
+    parts = [driven(60, Platoon(2, seed=2)).snapshot(), driven(60, platoon).snapshot()]
+    parts[0].tables["tracks"]["received_us"] -= int(CONFIG.vehicle_ttl_s * 1e6) + 1
+    both = concatenate([replace(parts[0], rows=parts[0].rows + 4, ids=["old", "older"]), parts[1]])
+    assert Engine(CONFIG).restore(both, platoon.t_us) == 3
 
 
 def test_a_vehicle_that_changed_its_row_between_two_parts_is_known_once() -> None:

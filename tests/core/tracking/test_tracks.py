@@ -178,6 +178,21 @@ def test_missed_messages_by_counter(counts: list[int], steps: list[int], sequenc
     assert total == sequence_gaps
 
 
+@pytest.mark.parametrize("lost", [50, 127, 128, 129, 600])
+def test_messages_lost_in_a_long_gap_are_counted_beyond_the_modulus_of_the_counter(lost: int) -> None:
+    world = World()
+    for k in range(40):
+        receive(world, k * STEP_S, 1.0 * k, msg_cnt=k)
+    assert receive(world, (40 + lost) * STEP_S * 1.01, 0.0, msg_cnt=(40 + lost) % 128)[2] == lost
+
+
+def test_a_counter_that_never_counts_tells_nothing_of_a_long_gap() -> None:
+    world = World()
+    for k in range(40):
+        receive(world, k * STEP_S, 1.0 * k, msg_cnt=5)
+    assert receive(world, 20.0, 0.0, msg_cnt=5)[2] == 0
+
+
 def test_loss_does_not_lengthen_the_senders_own_interval() -> None:
     world = World()
     received = np.flatnonzero(np.random.default_rng(4).random(500) < 0.5)

@@ -1,13 +1,15 @@
-"""The snapshot on disk: a whole one at any time, used where it fits and passed over where it does not."""
+"""The snapshot on disk: a file for each part of the rows, used where it fits and passed over where it does not."""
 
 import threading
 import time
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from sim.clock import START_US, FakeClock
+from sim.until import until
 from structlog.testing import capture_logs
 
 from headway.core.engine import Engine
@@ -50,6 +52,18 @@ def driven(vehicles: int = 70, steps: int = 40) -> Engine:
         engine.step(records, int(t_us[0]))
     assert engine.active_events == 2
     return engine
+
+
+def one_record(engine: Engine) -> Batch:
+    """A further message of the vehicle in row 0."""
+    track, nothing = engine.snapshot().tables["tracks"][0], np.full(1, np.nan)
+    t_us = np.array([track["t_us"] + 100_000])
+    return Batch(
+        ids=id_column(["car0"]), leader_ids=id_column([None]), msg_cnt=np.array([track["msg_cnt"] + 1]), t_us=t_us,
+        received_us=t_us, lat_deg=np.array([track["lat_deg"]]), lon_deg=np.array([-83.0]), speed_mps=np.array([20.0]),
+        heading_deg=np.zeros(1),
+        **dict.fromkeys(("accel_mps2", "accuracy_m", "length_m", "range_m", "range_rate_mps"), nothing),
+    )  # fmt: skip
 
 
 def snapshots(path: Path, engine: Engine, identity: Identity = IDENTITY) -> Snapshots:
@@ -96,45 +110,77 @@ def test_one_of_another_make_is_passed_over(tmp_path: Path, other: Identity, rea
     assert engine.vehicles == 0
 
 
-def test_a_damaged_one_is_passed_over(tmp_path: Path) -> None:
-    path, engine = saved(tmp_path, driven()), Engine(CONFIG)
-    concatenate = path.read_bytes()
-    for damaged in (concatenate[:-1], concatenate[:40] + b"!" + concatenate[41:], b"\n", b""):
-        path.write_bytes(damaged)
-        with capture_logs() as logs:
-            assert snapshots(path, engine).load() == 0
-        assert [entry["reason"] for entry in logs] == ["damaged"]
+@pytest.mark.parametrize("damage", [
+    lambda content: content[:-1], lambda content: content[:40] + b"!" + content[41:], lambda _: b"\n", lambda _: b"",
+    lambda _: b"[]\n%08x" % zlib.crc32(b"[]\n"), lambda content: b"{}\n" + content,
+])  # fmt: skip
+def test_a_damaged_part_is_left_out(tmp_path: Path, damage) -> None:
+    folder, engine = saved(tmp_path, driven()), Engine(CONFIG)
+    part = folder / "07.part"
+    part.write_bytes(damage(part.read_bytes()))
+    with capture_logs() as logs:
+        assert snapshots(folder, engine).load() == 69
+    assert [entry["log_level"] for entry in logs] == ["warning", "info"]
 
 
-def test_every_interval_one_is_taken_a_slice_in_each_turn(tmp_path: Path) -> None:
-    path = tmp_path / "s-i.snapshot"
-    engine, sizes = driven(), []
+def test_times_are_shifted_by_what_the_clock_was_set_meanwhile(tmp_path: Path) -> None:
+    engine, clock, hour_us = driven(), FakeClock(), 3_600_000_000
+    received_us = engine.snapshot().tables["tracks"]["received_us"]
+    clock.leap(hour_us)
+    Snapshots(tmp_path, INTERVAL_S, engine, IDENTITY, clock).close()
+    other = Engine(CONFIG)
+    snapshots(tmp_path, other).load()
+    assert (other.snapshot().tables["tracks"]["received_us"] == received_us + hour_us).all()
+
+
+def test_the_first_begins_within_a_second_and_the_next_at_the_interval(tmp_path: Path) -> None:
+    engine, sizes, begun_ms = driven(), [], []
     take = engine.snapshot
-    keeping = snapshots(path, engine)
+    writing = snapshots(tmp_path, engine)
 
     def taken(stride: int = 1, phase: int = 0):
         part = take(stride, phase)
+        if phase == 0:
+            begun_ms.append(ms)
         sizes.append(len(part.ids))
         return part
 
     engine.snapshot = taken
-    for ms in range(60_000):
-        keeping.tick(ms * 1_000_000)
-        while keeping._worker.waiting:
+    for ms in range(22_000):
+        writing.tick(ms * 1_000_000)
+        while writing._worker.waiting:
             time.sleep(1e-4)
-        if len(sizes) == 2 * 64:
-            break
-    assert 20_000 <= ms <= 21_000
+    assert begun_ms[0] == 1_000
+    assert begun_ms[1:] == pytest.approx([11_000, 21_000], abs=128)
     assert max(sizes) == 2
     engine.snapshot = take
-    keeping.close()
-    assert keeping.written == 3
+    writing.close()
+    assert writing.written == 3
     other = Engine(CONFIG)
-    assert snapshots(path, other).load() == 70
+    assert snapshots(tmp_path, other).load() == 70
     assert sorted(other.states().followers) == sorted(engine.states().followers)
 
 
-def test_no_slice_is_copied_before_the_last_is_taken_to_be_written(tmp_path: Path) -> None:
+def test_a_part_that_has_not_changed_is_not_written_again(tmp_path: Path) -> None:
+    engine = driven()
+    writing = snapshots(tmp_path, engine)
+    for round_s in (1, 11):
+        for ms in range(10_000):
+            writing.tick((round_s * 1_000 + ms) * 1_000_000)
+            while writing._worker.waiting:
+                time.sleep(1e-4)
+        if round_s == 1:
+            until((tmp_path / "63.part").exists)
+            for part in tmp_path.glob("*.part"):
+                part.write_bytes(b"untouched")
+            records = one_record(engine)
+            engine.step(records, int(records.received_us[0]))
+    writing._worker.close(10.0)
+    changed = [part.name for part in sorted(tmp_path.glob("*.part")) if part.read_bytes() != b"untouched"]
+    assert changed == ["00.part"]
+
+
+def test_no_part_is_copied_before_the_last_is_taken_to_be_written(tmp_path: Path) -> None:
     keeping, slow = snapshots(tmp_path / "s-i.snapshot", driven()), threading.Event()
     keeping._worker.put(slow.wait)
     for ms in range(10_000, 11_000):

@@ -30,6 +30,7 @@ def config(**changes) -> BusConfig:
         "connect_timeout_s": 0.2,
         "block_timeout_s": 5.0,
         "alert_limit": 100,
+        "payload_max_bytes": 1 << 16,
     }
     return BusConfig(**(fields | changes))
 

@@ -115,7 +115,8 @@ def serve(loaded: Loaded) -> None:
                 _log.info("ready", connect=settings.connect, listen=settings.listen)
                 loop.run(stop.is_set)
                 left = loop.drain(settings.stop_timeout_s)
-                _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected, left=left)
+                _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected,
+                    sequence_gap_messages=ledger.sequence_gap_messages, left=left)  # fmt: skip
         finally:
             if persistence is not None:
                 persistence.close()
@@ -158,6 +159,7 @@ def _bus_config(loaded: Loaded) -> BusConfig:
         connect_timeout_s=settings.connect_timeout_s,
         block_timeout_s=settings.block_timeout_s,
         alert_limit=settings.alert_queue_limit,
+        payload_max_bytes=settings.payload_bytes_limit,
         history=settings.state_dir is not None,
     )
 

@@ -76,7 +76,8 @@ def ingest(
             continue
         places[n], rows[n], last_received_us[n] = place, rows[i], last_received_us[i]
         step_us[n] = step_us[i] + batch.t_us[place]
-        silence_limits_us[n] = silence_limits_us[i] if advanced.sequence_gap[i] else pause_limits_us[i]
+        is_loss = advanced.sequence_gap[i] and not advanced.initialised[i]
+        silence_limits_us[n] = silence_limits_us[i] if is_loss else pause_limits_us[i]
         enter_cell(tables.coverage, tracks[rows[n]])
         n += 1
     places, rows = places[:n], rows[:n]

@@ -30,7 +30,8 @@ class Housekeeping:
         leaders = self._site.leaders(rows)
         self._start_misses(rows, leaders, now_us, tally)
         received_us = self._site.tables.tracks["received_us"][rows]
-        silent = now_us - received_us > self._site.config.vehicle_ttl_s * 1e6
+        since_us = np.maximum(received_us, self._site.reception.absent_until_us)
+        silent = now_us - since_us > self._site.config.vehicle_ttl_s * 1e6
         if silent.any():
             self._evict(rows[silent], tally)
             leaders = self._site.leaders(self._site.rows())

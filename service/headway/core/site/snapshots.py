@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from headway.core.site.state import SiteState
 from headway.core.tracking.pairing import NO_LEADER
+from headway.core.types.batch import I64
 from headway.core.types.snapshot import Snapshot
 
 
@@ -16,7 +17,7 @@ def take_snapshot(site: SiteState, stride: int, phase: int) -> Snapshot:
     return Snapshot(
         rows=rows,
         ids=[str(site.vehicles.id_of[row]) for row in rows],
-        tables={name: table[rows] for name, table in _tables(site).items()},
+        tables={name: _copy(table, rows) for name, table in _tables(site).items()},
         events=site.events.snapshot(rows),
         pair_events=site.pair_events.snapshot(rows),
         misses=site.misses.snapshot(rows),
@@ -24,16 +25,18 @@ def take_snapshot(site: SiteState, stride: int, phase: int) -> Snapshot:
 
 
 def restore_snapshot(site: SiteState, snapshot: Snapshot, now_us: int) -> int:
-    """Restore the vehicles whose last message is younger than `vehicle_ttl_s`; return how many.
+    """Restore the vehicles of a snapshot; return how many.
 
-    The site must be empty, and the snapshot must come from its configuration and from this version of the core. A
-    silence before `now_us` is not a miss: the service did not receive then.
+    A vehicle is left out whose last message is `vehicle_ttl_s` older than the newest of the snapshot. The site must be
+    empty, and the snapshot must come from its configuration and from this version of the core. No vehicle is silent
+    before `now_us`, because the service did not receive then.
     """
     received_us, in_use = snapshot.tables["tracks"]["received_us"], site.vehicles.in_use
     newest = np.argsort(received_us, kind="stable")[::-1]
     _, first = np.unique(np.array(snapshot.ids, dtype=np.str_)[newest], return_index=True)
     kept = newest[first]
-    kept = np.sort(kept[now_us - received_us[kept] <= site.config.vehicle_ttl_s * 1e6])
+    newest_us = received_us.max(initial=0)
+    kept = np.sort(kept[newest_us - received_us[kept] <= site.config.vehicle_ttl_s * 1e6])
     rows = snapshot.rows[kept]
     site.vehicles.restore(rows, [snapshot.ids[i] for i in kept])
     for name, table in _tables(site).items():
@@ -44,8 +47,13 @@ def restore_snapshot(site: SiteState, snapshot: Snapshot, now_us: int) -> int:
     site.events.restore([event for event in snapshot.events if in_use[event.row]])
     site.pair_events.restore([event for event in snapshot.pair_events if in_use[event.row]])
     site.misses.restore([miss for miss in snapshot.misses if in_use[miss.row]])
-    site.reception.ignore_gaps_before(now_us)
+    site.reception.absent_until(now_us)
     return int(rows.size)
+
+
+def _copy(table: NDArray[Any], rows: I64) -> NDArray[Any]:
+    """Return a copy of the rows, byte by byte: numpy leaves the bytes between two fields undefined."""
+    return table.view(np.uint8).reshape(table.size, -1)[rows].reshape(-1).view(table.dtype)
 
 
 def _tables(site: SiteState) -> dict[str, NDArray[Any]]:

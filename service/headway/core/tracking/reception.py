@@ -135,6 +135,8 @@ class ReceptionMonitor:
         self._received: I64 = np.zeros(self.BUCKETS, np.int64)
         self.outage_until_us = 0
         """Local time of the end of the last known outage."""
+        self.absent_until_us = 0
+        """Local time until which the service could not receive at all."""
 
     def record(self, received_us: I64) -> None:
         """Record the receive times of a batch."""
@@ -144,6 +146,10 @@ class ReceptionMonitor:
     def ignore_gaps_before(self, until_us: int) -> None:
         """Treat all time before `until_us` as an outage."""
         self.outage_until_us = until_us
+
+    def absent_until(self, until_us: int) -> None:
+        """Treat all time before `until_us` as an absence of the service: no vehicle is silent for it."""
+        self.outage_until_us = self.absent_until_us = until_us
 
     def was_receiving(self, from_us: int, to_us: int) -> bool:
         """Whether messages came in most of the time strictly between two receive times, after any known outage."""

@@ -58,15 +58,23 @@ _BREAK_M = 50.0
 _ACCEPTED = int(Outcome.SCORED)
 _DUPLICATE = int(Outcome.DUPLICATE)
 _OUT_OF_ORDER = int(Outcome.OUT_OF_ORDER)
+_FROM_THE_FUTURE = int(Outcome.FROM_THE_FUTURE)
 _CONTRADICTION = int(Outcome.CONTRADICTION)
+AHEAD_MAX_S = 0.25
+"""A message may be dated so far ahead of its sender's own clock, or it would make the next ones out of order. Delays on
+the way vary by less."""
+_AGE_RATE, _AGE_GAP_S = 0.2, 0.2  # s/s, s: a clock that was set by 1 s is followed within 4 s
 _SAME_M, _SAME_MPS = 0.5, 0.5  # copies of one message differ by the rounding of gateways
 
 TRACK = np.dtype(
     [
         ("t_us", "i8"),  # event time of the newest reading; 0: the row is free
         ("received_us", "i8"),
+        ("age_us", "i8"),  # receive time less event time, a median over time; at first at most 0
+        ("aged_us", "i8"),  # receive time of the newest message that entered it
         ("generation", "i8"),  # changes when x_m starts at zero: another vehicle, or a gap
         ("msg_cnt", "i8"),
+        ("counting", "?"),  # its counter went up by one with the last message
         ("count", "i8"),  # readings since x_m was zero
         ("step_s", "f8"),  # event time between the last two readings
         ("interval_s", "f8"),  # the sender's mean interval
@@ -120,7 +128,7 @@ class Advance(NamedTuple):
     """What `advance` did with each of n records."""
 
     outcome: NDArray[np.uint8]
-    """DUPLICATE, CONTRADICTION, OUT_OF_ORDER, or SCORED for a record that the row has taken."""
+    """DUPLICATE, CONTRADICTION, OUT_OF_ORDER, FROM_THE_FUTURE, or SCORED for a record that the row has taken."""
     sequence_gap: I64
     """Messages lost before this one, by `msg_cnt`."""
     initialised: NDArray[np.bool_]
@@ -132,12 +140,17 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
     """Take one record into each of the distinct `rows` (n,); `places` (n,) are the records' places in the batch.
 
     A record with the event time of the newest one and another position or speed is a contradiction, and is counted. One
-    with the same event time and `msg_cnt` is a duplicate. Any other that is not newer is out of order. All three leave
-    the row as it is. Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
+    with the same event time and `msg_cnt` is a duplicate. Any other that is not newer is out of order. One ahead of the
+    sender's own clock is from the future. All four leave the reading of the row as it is.
+
+    Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
     """
     done = Advance(np.empty(rows.size, np.uint8), np.zeros(rows.size, np.int64), np.zeros(rows.size, np.bool_))
     for i in range(rows.size):
         track, k = tracks[rows[i]], places[i]
+        if _is_ahead(track, batch.received_us[k] - batch.t_us[k], batch.received_us[k]):
+            done.outcome[i] = _FROM_THE_FUTURE
+            continue
         if batch.t_us[k] <= track.t_us:
             done.outcome[i] = _OUT_OF_ORDER
             if batch.t_us[k] == track.t_us and _contradicts(track, batch, k):
@@ -149,6 +162,7 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
         done.outcome[i] = _ACCEPTED
         step_s = 1e-6 * (batch.t_us[k] - track.t_us)
         if track.t_us == 0 or step_s > max_gap_s:
+            done.sequence_gap[i] = _long_sequence_gap(track, batch.msg_cnt[k], step_s)
             _initialise(track, batch.lat_deg[k], batch.lon_deg[k])
             done.initialised[i] = True
         else:
@@ -240,6 +254,32 @@ def _contradicts(track: Any, batch: Columns, k: int) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
+def _is_ahead(track: Any, age_us: int, received_us: int) -> bool:
+    """Whether a message is dated ahead of its sender's own clock; `age_us` is its receive time less its event time.
+
+    The clock is the median age, each message weighted by the time since the one before. So neither a burst after a
+    delay nor a few messages of another sender under this id move it far.
+    """
+    if track.t_us == 0:
+        track.age_us = min(age_us, 0)
+    else:
+        limit_us = int(_AGE_RATE * min(max(received_us - track.aged_us, 0), 1e6 * _AGE_GAP_S))
+        track.age_us += min(max(age_us - track.age_us, -limit_us), limit_us)
+    track.aged_us = max(track.aged_us, received_us)
+    return bool(age_us < track.age_us - 1e6 * AHEAD_MAX_S)
+
+
+@njit(cache=True, error_model="numpy")
+def _long_sequence_gap(track: Any, msg_cnt: int, step_s: float) -> int:
+    """Return the messages lost in a gap that starts the odometer anew: the number nearest to the time that passed."""
+    if track.t_us == 0 or not track.counting:
+        return 0
+    behind = (msg_cnt - track.msg_cnt) % MSG_CNT_MODULUS
+    wraps = math.floor((step_s / track.interval_s - behind) / MSG_CNT_MODULUS + 0.5)
+    return int(max(behind + MSG_CNT_MODULUS * wraps - 1, 0))
+
+
+@njit(cache=True, error_model="numpy")
 def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> int:
     """Return the messages lost before this one, and update the sender's mean interval.
 
@@ -247,6 +287,7 @@ def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> 
     counter was restarted, or is constant, and has no meaning.
     """
     sent = (msg_cnt - track.msg_cnt) % MSG_CNT_MODULUS
+    track.counting = sent == 1 or (sent > 1 and track.counting)
     if sent == 0 or (sent > 1 and step_s < 0.5 * track.interval_s * sent):
         sent = 1
     interval_s = min(max(step_s / sent, _INTERVAL_MIN_S), max_gap_s)

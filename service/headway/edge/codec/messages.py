@@ -16,7 +16,7 @@ from headway_schemas.state import PairState, RejectedCopy, Standing
 
 DETAILS: Final = {
     Outcome.TOO_OLD: "event time further behind the receipt than max_age_s",
-    Outcome.FROM_THE_FUTURE: "event time further ahead of the receipt than max_ahead_s",
+    Outcome.FROM_THE_FUTURE: "event time ahead of the receipt by more than max_ahead_s, or of the sender's own clock",
     Outcome.DUPLICATE: "a message of this sender with this count and time was here before",
     Outcome.CONTRADICTION: "a message of this sender with this time and another content was here before",
     Outcome.OUT_OF_ORDER: "the message is not newer than the newest of this sender, and no copy of it",

@@ -1,6 +1,8 @@
 """What outlives the process, in one folder: the journal of events and the snapshot of the detector."""
 
+import fcntl
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -13,6 +15,7 @@ from headway.edge.storage.journal_query import HistoryQueryable
 from headway.edge.storage.journal_writer import JournalWriter
 from headway.edge.storage.snapshots import Snapshots
 from headway.edge.transport.ports import Query
+from headway.errors import UserError
 
 JOURNAL_FILE: Final = "journal.sqlite"
 """File in the folder; instances on one machine may share it."""
@@ -47,7 +50,8 @@ class Persistence:
         publish: Callable[[EventUpdate], None],
     ) -> None:
         journal = config.folder / JOURNAL_FILE
-        snapshot = config.folder / f"{identity.site}-{identity.instance}.snapshot"
+        self._lock = config.folder / f"{identity.site}-{identity.instance}.lock"
+        self._held = ExitStack()
         self.journal_writer = JournalWriter(
             Journal(
                 journal,
@@ -59,13 +63,33 @@ class Persistence:
             publish,
             clock,
         )
-        self.snapshots = Snapshots(snapshot, config.snapshot_interval_s, engine, identity, clock)
+        snapshots = config.folder / f"{identity.site}-{identity.instance}.snapshot"
+        self.snapshots = Snapshots(snapshots, config.snapshot_interval_s, engine, identity, clock)
         self._history = HistoryQueryable(journal, identity.site, self.journal_writer.report_damage)
 
     def start(self) -> Resumed:
-        """Load the snapshot and start to write; return what the journal says of the process before this one."""
+        """Load the snapshot and start to write; return what the journal says of the process before this one.
+
+        Raises `UserError` while another process of the same site and instance uses the folder.
+        """
+        self._take_folder()
         self.snapshots.load()
         return self.journal_writer.start()
+
+    def _take_folder(self) -> None:
+        """Lock the folder for this site and instance; where it cannot be written, the journal tells so."""
+        try:
+            self._lock.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            file = self._held.enter_context(self._lock.open("w"))
+        except OSError:
+            return
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            self._held.close()
+            raise UserError(
+                f"state_dir {self._lock.parent}: another service of this site and instance uses it; set instance"
+            ) from None
 
     @property
     def troubles(self) -> tuple[str, ...]:
@@ -91,3 +115,4 @@ class Persistence:
         self.journal_writer.close(_CLOSE_S)
         self._history.close()
         self.snapshots.close()
+        self._held.close()

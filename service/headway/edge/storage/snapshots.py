@@ -1,15 +1,19 @@
 """The state of the detector on disk, so that a restarted service continues with the vehicles that it knew.
 
-The state is copied a slice at a time, so that no loop iteration takes long. A thread writes each slice before the next
-one is copied, so that no second copy of the whole state exists. The file holds lines of JSON and the tables as they are
-in memory: only the same core in the same configuration reads it.
+A snapshot has a file for each 64th of the rows. The loop copies a part at a time, so that no iteration takes long, and
+a thread writes it before the next one is copied. A part that has not changed is not written again. The snapshot is for
+a process that ended, not for a machine that did. So nothing is synchronised before the last one, and the system writes
+each file to the disk every half a minute at most. A part that is torn or damaged is left out.
+
+A part is a line of JSON, the tables as they are in memory, and a checksum. Only the same core in the same configuration
+reads it.
 """
 
 import json
 import os
 import sys
 import zlib
-from collections.abc import Generator, Iterator, Mapping
+from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -24,60 +28,74 @@ from headway.edge.clock import Clock
 from headway.edge.identity import Identity
 from headway.edge.worker import Worker
 
-_SLICES: Final = 64
+_PARTS: Final = 64
+_FIRST_NS: Final = 1_000_000_000
+"""The first snapshot begins so long after the start."""
 _CLOSE_S: Final = 5.0
-_FORMAT: Final = 1
+_FORMAT: Final = 2
 _CHECKSUM: Final = 8
-"""Hexadecimal digits at the end of the file."""
+"""Hexadecimal digits at the end of a file."""
 
 _log: Final = structlog.get_logger(__name__)
 
 
 class Snapshots:
-    """Takes a snapshot of an engine every `interval_s`, and one at the end.
+    """Takes a snapshot of an engine every `interval_s`, part by part, and one at the end.
 
     Parameters
     ----------
-    path
-        The file; each snapshot replaces it as a whole.
+    folder
+        Where the parts are; it is made when the first is written.
     interval_s
-        Time between two snapshots.
+        Time between two copies of a part.
     """
 
-    def __init__(self, path: Path, interval_s: float, engine: Engine, identity: Identity, clock: Clock) -> None:
-        self._path = path
+    def __init__(self, folder: Path, interval_s: float, engine: Engine, identity: Identity, clock: Clock) -> None:
+        self._folder = folder
         self._interval_ns = int(interval_s * 1e9)
         self._engine = engine
         self._identity = identity
         self._clock = clock
-        self._due_ns = clock.monotonic_ns() + self._interval_ns
-        self._slice = 0
-        self._file: _Writing | None = None
-        self._worker = Worker("headway-snapshot", _SLICES, OSError)
+        self._due_ns = clock.monotonic_ns() + min(_FIRST_NS, self._interval_ns)
+        self._part = 0
+        self._checksums: dict[int, int] = {}
+        self._worker = Worker("headway-snapshot", _PARTS, OSError)
+        self._is_whole = True
+        self.newest_us = 0
+        """Unix time of the newest message in the snapshot that was loaded; 0: none."""
         self.written = 0
         self.failed = 0
         self.trouble: str | None = None
         """Why the newest snapshot could not be written."""
 
     def tick(self, now_ns: int) -> None:
-        """Copy the next slice if a snapshot is due and the slice before is written."""
+        """Copy the next part if it is due and the part before is written."""
         if now_ns < self._due_ns or self._worker.waiting:
             return
-        place, self._slice = self._slice, (self._slice + 1) % _SLICES
-        part = self._engine.snapshot(_SLICES, place)
-        if self._slice == 0:
-            self._due_ns = now_ns + self._interval_ns
-        self._worker.put(lambda: self._write(place, part))
+        place, self._part = self._part, (self._part + 1) % _PARTS
+        part = self._engine.snapshot(_PARTS, place)
+        offset_us = self._clock.wall_us() - self._clock.local_us()
+        self._due_ns = now_ns + self._interval_ns // _PARTS
+        self._worker.put(lambda: self._write(place, part, offset_us))
 
     def load(self) -> int:
-        """Restore the engine from the file if it fits; return the number of vehicles restored."""
-        try:
-            snapshot = _read(self._path, self._maker(), self._engine.snapshot().tables)
-        except FileNotFoundError:
+        """Restore the engine from the files that fit; return the number of vehicles restored."""
+        parts, reasons = [], set()
+        tables = self._engine.snapshot().tables
+        for file in sorted(self._folder.glob("*.part")):
+            try:
+                parts.append(_read(file, self._maker(), tables))
+            except (OSError, ValueError, KeyError, TypeError) as error:
+                reasons.add(str(error))
+        if reasons:
+            _log.warning(
+                "snapshot not used, or not all of it; these vehicles warm up again",
+                folder=str(self._folder), reason="; ".join(sorted(reasons)),
+            )  # fmt: skip
+        if not parts:
             return 0
-        except (OSError, ValueError) as error:
-            _log.warning("snapshot not used; all vehicles warm up again", file=str(self._path), reason=str(error))
-            return 0
+        snapshot = concatenate(parts)
+        self.newest_us = int(snapshot.tables["tracks"]["received_us"].max(initial=0))
         vehicles = self._engine.restore(snapshot, self._clock.local_us())
         _log.info("snapshot loaded", vehicles=vehicles, of=len(snapshot.ids))
         return vehicles
@@ -88,26 +106,30 @@ class Snapshots:
         self._worker.close(_CLOSE_S)
 
     def _write_all(self) -> None:
-        for place in range(_SLICES):
-            self._write(place, self._engine.snapshot(_SLICES, place))
+        offset_us = self._clock.wall_us() - self._clock.local_us()
+        for place in range(_PARTS):
+            self._write(place, self._engine.snapshot(_PARTS, place), offset_us, last=True)
 
-    def _write(self, place: int, part: Snapshot) -> None:
-        """Write a slice. The first one starts a file; after a failure nothing is written until the next first one."""
+    def _write(self, place: int, part: Snapshot, offset_us: int, *, last: bool = False) -> None:
+        """Write a part over the one before, in one call."""
+        if place == 0:
+            self._is_whole = True
         try:
-            if place == 0:
-                self._file = _writing(self._path, self._maker())
-                next(self._file)
-            if self._file is not None:
-                self._file.send(part)
-        except StopIteration:
-            self.written += 1
-            self.trouble = None
+            content = _content(part, offset_us, self._maker())
+            checksum = zlib.crc32(content)
+            if last or self._checksums.get(place) != checksum:
+                self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+                _overwrite(self._folder / f"{place:02}.part", content + b"%08x" % checksum, sync=last)
+                self._checksums[place] = checksum
         except OSError as error:
-            self._file = None
+            self._is_whole = False
             self.failed += 1
             if self.trouble is None:
-                _log.error("snapshot cannot be written", file=str(self._path), error=str(error))
+                _log.error("snapshot cannot be written", folder=str(self._folder), error=str(error))
             self.trouble = error.strerror or str(error)
+        if place == _PARTS - 1 and self._is_whole:
+            self.written += 1
+            self.trouble = None
 
     def _maker(self) -> dict[str, float | str]:
         """Return what must be equal for a snapshot to fit."""
@@ -115,39 +137,29 @@ class Snapshots:
         return {"format": _FORMAT, "site": identity.site, "byteorder": sys.byteorder, **identity.parameters}
 
 
-_Writing = Generator[None, Snapshot, None]
+def _overwrite(path: Path, content: bytes, *, sync: bool) -> None:
+    """Write the file in place: a new file would go to the disk each time."""
+    file = os.open(path, os.O_WRONLY | os.O_CREAT, 0o600)
+    try:
+        os.ftruncate(file, os.pwrite(file, content, 0))
+        if sync:
+            os.fsync(file)
+    finally:
+        os.close(file)
 
 
-def _writing(path: Path, maker: dict[str, float | str]) -> _Writing:
-    """Receive all slices and replace the file after the last one: a whole file exists at any time.
-
-    The chunks are not copied, because the interpreter lock holds up the loop during a copy.
-    """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    fresh = path.with_name(path.name + ".new")
-    with fresh.open("wb") as file:
-        header = json.dumps({"maker": maker, "parts": _SLICES}).encode() + b"\n"
-        checksum = zlib.crc32(header)
-        file.write(header)
-        for _ in range(_SLICES):
-            for chunk in _chunks((yield)):
-                checksum = zlib.crc32(chunk, checksum)
-                file.write(chunk)
-        file.write(b"%08x" % checksum)
-        file.flush()
-        os.fsync(file.fileno())
-    fresh.replace(path)
-
-
-def _chunks(part: Snapshot) -> Iterator[bytes | memoryview]:
-    beside = {name: getattr(part, name) for name in ("ids", "events", "pair_events", "misses")}
-    yield json.dumps({"rows": part.rows.tolist(), **beside}).encode() + b"\n"
-    for table in part.tables.values():
-        yield table.view(np.uint8).data
+def _content(part: Snapshot, offset_us: int, maker: dict[str, float | str]) -> bytes:
+    header = {name: getattr(part, name) for name in ("ids", "events", "pair_events", "misses")}
+    header |= {"maker": maker, "clock_offset_us": round(offset_us, -3), "rows": part.rows.tolist()}
+    tables = (table.view(np.uint8).data for table in part.tables.values())
+    return b"".join((json.dumps(header).encode(), b"\n", *tables))
 
 
 def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
-    """Read what `_writing` wrote; `tables` show the types. Raises `OSError`, or `ValueError` where it does not fit."""
+    """Read what `_content` wrote, its times as Unix time; `tables` show the types.
+
+    Raises `OSError`, and others where the file does not fit.
+    """
     content = path.read_bytes()
     if content[-_CHECKSUM:] != b"%08x" % zlib.crc32(memoryview(content)[:-_CHECKSUM]):
         raise ValueError("damaged")
@@ -156,17 +168,16 @@ def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArra
     other = sorted(name for name in maker.keys() | header["maker"] if maker.get(name) != header["maker"].get(name))
     if other:
         raise ValueError(f"made with another {', '.join(other)}")
-    return concatenate([_read_part(file, tables) for _ in range(header["parts"])])
-
-
-def _read_part(file: BytesIO, tables: Mapping[str, NDArray[Any]]) -> Snapshot:
-    beside = json.loads(file.readline())
-    rows = np.array(beside["rows"], np.int64)
+    rows = np.array(header["rows"], np.int64)
+    read = {name: np.frombuffer(file.read(rows.size * t.itemsize), t.dtype).copy() for name, t in tables.items()}
+    for name in ("received_us", "age_us", "aged_us"):
+        read["tracks"][name] += header["clock_offset_us"]
+    read["first_received_us"] += header["clock_offset_us"]
     return Snapshot(
         rows=rows,
-        ids=beside["ids"],
-        tables={name: np.frombuffer(file.read(rows.size * t.itemsize), t.dtype) for name, t in tables.items()},
-        events=[OpenEvent(*event) for event in beside["events"]],
-        pair_events=[OpenEvent(*event) for event in beside["pair_events"]],
-        misses=[OpenMiss(*miss) for miss in beside["misses"]],
+        ids=header["ids"],
+        tables=read,
+        events=[OpenEvent(*event) for event in header["events"]],
+        pair_events=[OpenEvent(*event) for event in header["pair_events"]],
+        misses=[OpenMiss(*miss) for miss in header["misses"]],
     )

@@ -36,6 +36,8 @@ class Ledger:
         """Far above 2.5 % of clean readings: the filter expects too little noise."""
         self.anomalous = 0
         self.sequence_gap_messages = 0
+        self.absent_s = 0.0
+        """Time in which the service could not receive: without a bus, and before the start."""
         self.repairs = 0
         self.resets = 0
         self.restarts = 0

@@ -70,6 +70,11 @@ class Bus(Protocol):
         ...
 
     @property
+    def disconnected_subscribers(self) -> int:
+        """Peers disconnected because they took no alerts."""
+        ...
+
+    @property
     def peers(self) -> int:
         """Peers, routers and clients connected."""
         ...

@@ -42,6 +42,8 @@ _QUERY_LIMIT: Final = 64
 """Most queries, and most answers, that wait."""
 _BACKOFF_S: Final = (0.5, 10.0)
 """First and longest pause between two attempts to open."""
+_RECEIVE_BYTES: Final = 64 << 20
+"""Most bytes received at once, before the loop goes on."""
 _MESSAGE_BYTES_MAX: Final = 1 << 24
 """zenoh drops larger messages, which bounds the memory that a sender can claim."""
 
@@ -74,6 +76,8 @@ class BusConfig:
     connect_timeout_s: float
     block_timeout_s: float
     alert_limit: int
+    payload_max_bytes: int
+    """Of a larger payload only the beginning is kept."""
     history: bool = False
     """Whether the service answers queries for the history of events."""
 
@@ -133,9 +137,14 @@ class ZenohBus:
         self._queries: deque[Query] = deque()
         self._queries_dropped = 0
         self._peers: set[str] = set()
+        self._addresses: dict[str, str] = {}
         self._wanted = dict.fromkeys(Channel, True)
         self._incoming: zenoh.handlers.Handler[zenoh.Sample] | None = None
         self._polled_us = self._polled_ns = 0
+        self._alert_put_ns: int | None = None
+        """Since when an alert is being put; None: none is."""
+        self.disconnected_subscribers = 0
+        """Peers disconnected because they took no alerts."""
         self._session: zenoh.Session | None = None
         self._subscriber: zenoh.Subscriber[zenoh.handlers.Handler[zenoh.Sample]] | None = None
         self._declared: list[Any] = []
@@ -171,6 +180,7 @@ class ZenohBus:
         keys = self._keys
         self._polled_us, self._polled_ns = self._clock.local_us(), self._clock.monotonic_ns()
         self._declared = [
+            session.info.declare_link_events_listener(self._on_link, history=True),
             session.info.declare_transport_events_listener(self._on_transport, history=True),
             self._watch_subscribers(session, Channel.STATE, keys.every_pair_state),
             self._watch_subscribers(session, Channel.REJECTED, keys.every_rejected),
@@ -244,11 +254,19 @@ class ZenohBus:
         is_alert = channel is Channel.ALERT
         worker = self._alerts if is_alert else self._telemetry
         congestion = zenoh.CongestionControl.BLOCK if is_alert else zenoh.CongestionControl.DROP
-        worker.put(
-            lambda: session.put(
-                key, payload, encoding=channel.value, congestion_control=congestion, priority=_PRIORITY[channel]
-            )
-        )
+
+        def put() -> None:
+            if is_alert:
+                self._alert_put_ns = self._clock.monotonic_ns()
+            try:
+                session.put(
+                    key, payload, encoding=channel.value, congestion_control=congestion, priority=_PRIORITY[channel]
+                )
+            finally:
+                if is_alert:
+                    self._alert_put_ns = None
+
+        worker.put(put)
 
     def next_query(self) -> Query | None:
         """Return the oldest query, None if there is none."""
@@ -285,14 +303,17 @@ class ZenohBus:
         received_us, received_ns = (self._polled_us + local_us) // 2, (self._polled_ns + monotonic_ns) // 2
         self._polled_us, self._polled_ns = local_us, monotonic_ns
         receive, new, kind_put = self._incoming.try_recv, tuple.__new__, zenoh.SampleKind.PUT
-        messages = []
+        messages, size, kept_bytes = [], 0, self._config.payload_max_bytes + 1
         try:
             while (sample := receive()) is not None:
                 is_put = sample.kind == kind_put
                 encoding = str(sample.encoding)
-                fields = (str(sample.key_expr), sample.payload.to_bytes(), encoding, is_put, received_us, received_ns)
+                payload = sample.payload
+                size += len(payload)
+                content = payload.to_bytes()[:kept_bytes]
+                fields = (str(sample.key_expr), content, encoding, is_put, received_us, received_ns)
                 messages.append(new(ReceivedMessage, fields))  # half the time of Arrival(...)
-                if len(messages) == _INCOMING_LIMIT:
+                if len(messages) == _INCOMING_LIMIT or size > _RECEIVE_BYTES:
                     break
         except zenoh.ZError:  # zenoh buffers nothing after `unsubscribe`
             self._incoming = None
@@ -319,12 +340,28 @@ class ZenohBus:
         publisher.declare_matching_listener(on_match)
         return publisher
 
+    def _on_link(self, event: zenoh.LinkEvent) -> None:
+        if event.kind == zenoh.SampleKind.PUT:
+            self._addresses[str(event.link.zid)] = str(event.link.dst)
+
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
         peer = str(event.transport.zid)
         if event.kind == zenoh.SampleKind.PUT:
             self._peers.add(peer)
         else:
             self._peers.discard(peer)
+            self._tell_disconnected(peer)
+
+    def _tell_disconnected(self, peer: str) -> None:
+        """Name a peer that is disconnected while an alert waits for it as long as one may wait."""
+        since_ns = self._alert_put_ns
+        if since_ns is None or self._clock.monotonic_ns() - since_ns < 0.5e9 * self._config.block_timeout_s:
+            return
+        self.disconnected_subscribers += 1
+        _log.warning(
+            "subscriber disconnected: it took no alert for block_timeout_s",
+            zenoh_id=peer, address=self._addresses.pop(peer, None), block_timeout_s=self._config.block_timeout_s,
+        )  # fmt: skip
 
 
 class _ZenohQuery:

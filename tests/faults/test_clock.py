@@ -1,0 +1,59 @@
+"""The system clock leaps for six seconds: nothing is deleted, and vehicles that leave are forgotten as ever."""
+
+import time
+from pathlib import Path
+
+import pytest
+from e2e.serving import KEYS
+from faults.processes import Fleet, Subscriber
+from sim.until import until
+
+LEAPS = ["+1h", "-1h", "+31d", "-31d", "+20y", "-20y"]
+FORGOTTEN_S, LEAP_S = 35.0, 6.0
+
+
+@pytest.fixture
+def clock(tmp_path: Path):
+    """A file that says how far off the system clock of a service is, and the variables that make it so."""
+    [library] = [*Path("/usr/lib").glob("*/faketime/libfaketimeMT.so.1")] or [None]
+    if library is None:
+        pytest.skip("needs libfaketime (Debian: apt-get install faketime)")
+    file = tmp_path / "clock"
+    file.write_text("+0")
+    return file, {
+        "LD_PRELOAD": str(library), "FAKETIME_TIMESTAMP_FILE": str(file), "FAKETIME_CACHE_DURATION": "1",
+        "FAKETIME_DONT_FAKE_MONOTONIC": "1", "DONT_FAKE_MONOTONIC": "1",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("leap", LEAPS)
+def test_a_leap(start, history, measured, clock, monkeypatch, leap: str) -> None:
+    file, variables = clock
+    for name, value in variables.items():
+        monkeypatch.setenv(name, value)
+    service = start()
+    for name in variables:
+        monkeypatch.delenv(name)
+    with (
+        Subscriber(service.endpoint, KEYS.site) as bus,
+        Fleet(service.endpoint, KEYS.site, cars=6, seconds=22.0, faulty=1, fault_every_s=14.0) as fleet,
+    ):
+        until(lambda: any(a["phase"] == "cleared" for a in bus.alerts))
+        before = len(history(service.endpoint))
+        file.write_text(leap)
+        time.sleep(LEAP_S)
+        file.write_text("+0")
+        fleet.sent()
+        ended_s = time.monotonic()
+        until(lambda: sum(a["phase"] == "onset" for a in bus.alerts) >= 2)
+    outcomes = service.metric("headway_records_total")
+    until(lambda: service.metric("headway_vehicles")[""] == 0, FORGOTTEN_S + 10.0)
+    forgotten_s = time.monotonic() - ended_s
+    pruned, kept = service.metric("headway_journal_pruned_total")[""], len(history(service.endpoint))
+    refused = outcomes["too_old"] + outcomes["from_the_future"]
+    got = f"{pruned:.0f} pruned, forgotten after {forgotten_s:.1f} s; {refused:.0f} refused meanwhile"
+    measured(f"clock {leap} for {LEAP_S:.0f} s", got, "0 pruned, <= 35 s")
+    assert refused > 0, "the clock did not leap"
+    assert pruned == 0
+    assert kept >= before
+    assert forgotten_s <= FORGOTTEN_S
