@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from e2e.serving import KEYS, Service
-from faults.processes import Router
+from faults.harness.processes import Router
 from sim.loopback import free_endpoint, session
 from sim.until import until
 

@@ -4,7 +4,7 @@ import time
 from pathlib import Path
 
 from e2e.serving import KEYS
-from faults.processes import Fleet
+from faults.harness.processes import Fleet
 
 SENDERS, SECONDS, JOURNAL_MB = 400, 60.0, 10
 

@@ -5,7 +5,7 @@ import time
 import pytest
 from e2e.serving import KEYS
 from faults.conftest import DEPLOYED
-from faults.processes import Fleet, Router
+from faults.harness.processes import Fleet, Router
 from sim.loopback import free_endpoint
 from sim.until import until
 

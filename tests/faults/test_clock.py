@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from e2e.serving import KEYS
-from faults.processes import Fleet, Subscriber
+from faults.harness.processes import Fleet, Subscriber
 from sim.until import until
 
 LEAPS = ["+1h", "-1h", "+31d", "-31d", "+20y", "-20y"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from e2e.serving import KEYS
-from faults.processes import Fleet
+from faults.harness.processes import Fleet
 
 
 def halved(content: bytes) -> bytes:

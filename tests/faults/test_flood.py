@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from e2e.serving import KEYS
-from faults.processes import Fleet, Flood, Subscriber
+from faults.harness.processes import Fleet, Flood, Subscriber
 from sim.until import until
 
 CARS, SECONDS = 60, 20.0

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from e2e.serving import KEYS
-from faults.processes import Fleet
+from faults.harness.processes import Fleet
 from sim.until import until
 
 TOLD_S, JOURNAL_MB = 5.0, 5

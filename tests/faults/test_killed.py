@@ -3,7 +3,7 @@
 import time
 
 from e2e.serving import KEYS
-from faults.processes import Fleet, Subscriber
+from faults.harness.processes import Fleet, Subscriber
 from sim.until import until
 
 KILLS, CARS, FAULTY = 20, 40, 10

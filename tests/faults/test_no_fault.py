@@ -2,7 +2,7 @@
 
 import pytest
 from e2e.serving import KEYS, Service
-from faults.processes import Fleet
+from faults.harness.processes import Fleet
 from sim.until import until
 
 

@@ -3,7 +3,7 @@
 import time
 
 from e2e.serving import KEYS
-from faults.processes import Fleet, Subscriber
+from faults.harness.processes import Fleet, Subscriber
 
 CARS, FAULTY, SECONDS, RESTART_S, WARM_S = 40, 20, 60.0, 20.0, 8.0
 SAME_MIN = 0.9

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 from e2e.serving import KEYS, Service
-from faults.processes import Fleet, Router, Subscriber
+from faults.harness.processes import Fleet, Router, Subscriber
 from sim.loopback import free_endpoint
 from sim.until import until
 
