@@ -350,9 +350,9 @@ class ZenohBus:
             self._peers.add(peer)
         else:
             self._peers.discard(peer)
-            self._tell_disconnected(peer)
+            self._log_disconnected(peer)
 
-    def _tell_disconnected(self, peer: str) -> None:
+    def _log_disconnected(self, peer: str) -> None:
         """Name a peer that is disconnected while an alert waits for it as long as one may wait."""
         since_ns = self._alert_put_ns
         if since_ns is None or self._clock.monotonic_ns() - since_ns < 0.5e9 * self._config.block_timeout_s:
