@@ -1,8 +1,10 @@
 # Every target makes what it needs: a bare clone and Python 3.11 are enough.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
+FUZZ_SECONDS ?= 3600
+FUZZ_RECORDS ?= inf
 
-.PHONY: help venv demo test check check-deploy bench soak faults performance browser wheel format clean
+.PHONY: help venv demo test check check-deploy bench soak faults fuzz sbom performance browser wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -46,6 +48,13 @@ soak: venv  ## ten minutes of rotating identifiers: memory must stay flat
 
 faults: venv  ## processes killed, stopped and flooded over real zenoh: half an hour
 	$(BIN)/python -m pytest tests/faults -m faults
+
+fuzz: venv  ## mutated messages and adversarial drives through codec and engine, for FUZZ_SECONDS (an hour)
+	PYTHONPATH=tests $(BIN)/python tests/fuzz/campaign.py --seconds $(FUZZ_SECONDS) --records $(FUZZ_RECORDS)
+
+sbom: venv  ## what is installed with headway, as CycloneDX, in out/
+	@mkdir -p out
+	$(BIN)/cyclonedx-py environment --pyproject pyproject.toml --output-reproducible --output-file out/sbom.json $(BIN)/python
 
 performance: venv  ## load tests from few to many vehicles, and their picture in out/
 	$(BIN)/python tests/bench/sweep.py out

@@ -1,0 +1,126 @@
+"""`make fuzz`: mutates the seeds of each target in turn, for a time or a number of records, and reports the outcomes.
+
+An input that raises is written to `out/fuzz`. With `--coverage`, atheris chooses the inputs of one target instead.
+"""
+
+import argparse
+import sys
+import time
+import traceback
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from fuzz.mutate import Mutator
+from fuzz.targets import TARGETS, Target
+
+from headway.core.types.outcome import Outcome
+
+FLAT_SHARE = 1.05
+_WARM_SHARE = 0.2
+"""Memory is compared from this share of a campaign on: caches are full by then."""
+
+
+@dataclass
+class Campaign:
+    """What came of it, by target."""
+
+    seed: int
+    out: Path | None = None
+    outcomes: dict[str, Counter[Outcome]] = field(default_factory=dict)
+    inputs: Counter[str] = field(default_factory=Counter)
+    failures: list[str] = field(default_factory=list)
+
+    def run(self, names: Iterable[str], *, seconds: float = float("inf"), records: float = float("inf")) -> None:
+        """Fuzz targets in turn until so many seconds or records are over."""
+        rng, began_s, done = np.random.default_rng(self.seed), time.monotonic(), 0
+        mutators = {name: Mutator(TARGETS[name].seeds(), rng) for name in names}
+        while True:
+            for name, mutator in mutators.items():
+                if time.monotonic() - began_s >= seconds or done >= records:
+                    return
+                done += self._turn(name, TARGETS[name], mutator)
+
+    @property
+    def records(self) -> int:
+        """Records that had an outcome."""
+        return sum(counts.total() for counts in self.outcomes.values())
+
+    def _turn(self, name: str, target: Target, mutator: Mutator) -> int:
+        """Run some inputs of a target; return how many records they held."""
+        inputs = [mutator.next() for _ in range(target.at_once)]
+        self.inputs[name] += len(inputs)
+        try:
+            counts = target.run(inputs)
+        except Exception as error:  # noqa: BLE001 - whatever it is, it must not be
+            self.failures.append(f"{name}: {type(error).__name__}: {error}")
+            self._keep(name, inputs)
+            return 0
+        self.outcomes.setdefault(name, Counter()).update(counts)
+        return counts.total()
+
+    def _keep(self, name: str, inputs: list[bytes]) -> None:
+        if self.out is None:
+            return
+        self.out.mkdir(parents=True, exist_ok=True)
+        for place, content in enumerate(inputs):
+            (self.out / f"{name.replace(' ', '-')}-{len(self.failures)}-{place}").write_bytes(content)
+        (self.out / f"{name.replace(' ', '-')}-{len(self.failures)}.txt").write_text(traceback.format_exc())
+
+
+def rss_mb() -> float:
+    """Return the resident memory of this process."""
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * 4_096 / 1e6
+
+
+def report(campaign: Campaign) -> None:
+    """Print the counts by target and outcome."""
+    for name, counts in campaign.outcomes.items():
+        shown = ", ".join(f"{outcome.label} {n:,}" for outcome, n in counts.most_common())
+        sys.stdout.write(f"{name}: {campaign.inputs[name]:,} inputs, {counts.total():,} records: {shown}\n")
+    sys.stdout.write(f"{campaign.records:,} records, {len(campaign.failures)} failures\n")
+    for failure in campaign.failures[:20]:
+        sys.stdout.write(f"  {failure[:300]}\n")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=3_600.0)
+    parser.add_argument("--records", type=float, default=float("inf"))
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--target", action="append", choices=list(TARGETS), help="all by default")
+    parser.add_argument("--coverage", action="store_true", help="atheris chooses (one --target)")
+    options = parser.parse_args()
+    names = options.target or list(TARGETS)
+    if options.coverage:
+        _cover(TARGETS[names[0]], options.seconds)
+        return
+    campaign = Campaign(options.seed, Path("out/fuzz"))
+    campaign.run(names, seconds=_WARM_SHARE * options.seconds, records=_WARM_SHARE * options.records)
+    before_mb = rss_mb()
+    campaign.seed += 1
+    rest = 1.0 - _WARM_SHARE
+    campaign.run(names, seconds=rest * options.seconds, records=rest * options.records)
+    after_mb = rss_mb()
+    report(campaign)
+    sys.stdout.write(f"resident memory {before_mb:.0f} MB, at the end {after_mb:.0f} MB\n")
+    sys.exit(bool(campaign.failures) or after_mb > FLAT_SHARE * before_mb)
+
+
+def _cover(target: Target, seconds: float) -> None:
+    """Let atheris choose inputs that reach new code; it prints what it does, and ends the process."""
+    import atheris
+
+    corpus = Path("out/fuzz/corpus")
+    corpus.mkdir(parents=True, exist_ok=True)
+    for place, seed in enumerate(target.seeds()):
+        (corpus / f"seed-{place}").write_bytes(seed)
+    atheris.instrument_all()
+    atheris.Setup([sys.argv[0], f"-max_total_time={seconds:.0f}", str(corpus)], lambda data: target.run([data]))
+    atheris.Fuzz()
+
+
+if __name__ == "__main__":
+    main()
