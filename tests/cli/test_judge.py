@@ -199,7 +199,7 @@ def test_what_cannot_be_read_is_one_line_and_status_2(tmp_path: Path, name: str,
     [
         (["absent.jsonl"], "absent.jsonl: No such file"),
         (["."], ".: Is a directory"),
-        (["--format", "pcap", "road.jsonl"], "--format pcap: choose from auto, bsm"),
+        (["--format", "tape", "road.jsonl"], "--format tape: choose from auto, bsm, pcap"),
         (["road.jsonl", "--verdicts", "v.xlsx"], "--verdicts v.xlsx: choose the ending"),
         (["road.jsonl", "--set", "delay_s"], "--set delay_s: write it as KEY=VALUE"),
         (["road.jsonl", "--set", "dealy_s=1"], "unknown setting dealy_s: did you mean delay_s?"),

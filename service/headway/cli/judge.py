@@ -5,15 +5,16 @@ from typing import Annotated
 
 import typer
 
-from headway.cli.options import AsJson, ConfigFile
+from headway.cli.options import AsJson, Columns, ConfigFile, Format
 from headway.errors import UserError
 
 
 def judge(
     sources: Annotated[
-        list[str], typer.Argument(help="Recordings: JSON lines, CSV or Parquet of BSM v1; - is standard input.")
+        list[str], typer.Argument(help="Recordings of any format that docs/reference/recordings.md names; - is stdin.")
     ],
-    form: Annotated[str, typer.Option("--format", help="auto, or bsm.")] = "auto",
+    form: Format = "auto",
+    columns: Columns = None,
     config: ConfigFile = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="A setting; may be repeated.")
@@ -32,7 +33,8 @@ def judge(
     from headway.settings import load
 
     loaded = load(config, dict(_assignment(text) for text in settings or ()))
-    recordings.judge(sources, loaded.settings, form=form, events=events, verdicts=verdicts, as_json=as_json)
+    reading = recordings.Reading(sources, form, columns)
+    recordings.judge(reading, loaded.settings, events=events, verdicts=verdicts, as_json=as_json)
 
 
 def _assignment(text: str) -> tuple[str, str]:

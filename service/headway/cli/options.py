@@ -32,3 +32,10 @@ OfKind = Annotated[str | None, typer.Option("--kind", help="One kind, such as bi
 OfPhase = Annotated[str | None, typer.Option("--phase", help="onset, update or cleared; onset gives a line for each.")]
 OfVehicle = Annotated[str | None, typer.Option("--vehicle", help="Suspect, follower or leader.")]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object on standard output and nothing else.")]
+Format = Annotated[str, typer.Option("--format", help="auto, bsm, ode, bsmp1, fcd, ...: see the table of formats.")]
+Columns = Annotated[
+    str | None,
+    typer.Option(
+        "--columns", help="Mapping of a table of your own, such as id=car,t=time[ms],lat=y,lon=x,speed=v[mph]."
+    ),
+]

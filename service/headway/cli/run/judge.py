@@ -1,76 +1,48 @@
 """`headway judge`: recordings through the service's own engine, at full speed, without a bus or a clock."""
 
 import json
-from collections import Counter
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import IO, Any, Final
+from typing import IO, Final
 
+import numpy as np
 import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-from rich.table import Table
 
+from headway.cli.run.judge_report import Summary, show, show_refusals
 from headway.cli.run.output_file import replaced
 from headway.cli.run.verdict_files import VerdictWriter, verdict_writer
 from headway.core.types.outcome import Outcome
+from headway.core.types.records import Records
 from headway.detector import Detector, ReceivedError
 from headway.errors import UserError
 from headway.gateways.recordings.formats import Located, Recordings, open_recordings
 from headway.gateways.recordings.reader import RecordingError
-from headway.result import Result
+from headway.result import VERDICTS, Result
 from headway.settings import Settings
-from headway_schemas.event import Event, Phase
+from headway_schemas.event import Event
 
-_US_PER_HOUR: Final = 3.6e9
+DRIVES_AT_ONCE: Final = 16
+"""Drives whose records may alternate in a recording; each has a detector of its own."""
 
 
-class Summary:
-    """What `--json` prints, counted chunk by chunk."""
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What is read, and how."""
 
-    def __init__(self, max_gap_s: float) -> None:
-        self._max_gap_us = 1e6 * max_gap_s
-        self._outcomes: Counter[str] = Counter()
-        self._kinds: Counter[str] = Counter()
-        self._open: dict[str, str] = {}
-        self._last_us: dict[bytes, int] = {}
-        self._observed_us = 0
-
-    def add(self, result: Result) -> None:
-        """Count the records and the events of one chunk."""
-        self._outcomes.update(result.verdicts["outcome"].tolist())
-        for vehicle, t_us in zip(result.readings.ids.tolist(), result.readings.t_us.tolist(), strict=True):
-            if vehicle:
-                since_us = t_us - self._last_us.get(vehicle, t_us)
-                self._observed_us += since_us if since_us <= self._max_gap_us else 0
-                self._last_us[vehicle] = t_us
-        for event in result.events:
-            self._open[event.event_id] = event.kind
-            if event.phase is Phase.CLEARED:
-                self._kinds[self._open.pop(event.event_id)] += 1
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the counts; an event has the kind of its last update, and observed time no gap beyond max_gap_s."""
-        kinds = self._kinds + Counter(self._open.values())
-        hours = self._observed_us / _US_PER_HOUR
-        return {
-            "records": self._outcomes.total(),
-            "outcomes": dict(sorted(self._outcomes.items())),
-            "vehicles": len(self._last_us),
-            "vehicle_hours": round(hours, 6),
-            "events": dict(sorted(kinds.items())),
-            "alarms": kinds.total(),
-            "alarms_per_vehicle_hour": round(kinds.total() / hours, 6) if hours else None,
-        }
+    sources: Sequence[str]
+    form: str
+    columns: str | None = None
 
 
 def judge(
-    sources: Sequence[str],
+    reading: Reading,
     settings: Settings,
     *,
-    form: str,
     events: Path | None,
     verdicts: Path | None,
     as_json: bool,
@@ -84,51 +56,101 @@ def judge(
     """
     try:
         with ExitStack() as stack:
-            recordings = stack.enter_context(open_recordings(sources, form))
+            recordings = stack.enter_context(open_recordings(reading.sources, reading.form, reading.columns))
             event_file = stack.enter_context(replaced(events)) if events else None
             writer = stack.enter_context(verdict_writer(verdicts)) if verdicts else None
-            show = stack.enter_context(_progress(recordings))
-            detector = Detector(site=settings.site, **asdict(settings.detector()))
-            summary = _judge(detector, recordings, Summary(settings.max_gap_s), event_file, writer, show)
+            bar = stack.enter_context(_progress(recordings))
+            judging = _Judging(settings, event_file)
+            _judge(judging, recordings, writer, bar)
     except RecordingError as error:
         raise UserError(str(error)) from None
+    show_refusals(judging.summary)
     if as_json:
-        typer.echo(json.dumps(summary.to_json()))
+        typer.echo(json.dumps(judging.summary.to_json()))
     else:
-        _print(summary.to_json())
+        show(judging.summary.to_json())
 
 
-def _judge(
-    detector: Detector,
-    recordings: Recordings,
-    summary: Summary,
-    events: IO[bytes] | None,
-    verdicts: VerdictWriter | None,
-    show: Progress,
-) -> Summary:
-    task = show.add_task("judging", total=1.0)
-    for chunk in recordings.chunks:
+class _Judging:
+    """Detectors of the drives under way, and what they found. Records of two drives never meet."""
+
+    def __init__(self, settings: Settings, events: IO[bytes] | None) -> None:
+        self.summary = Summary(settings.max_gap_s)
+        self._settings = settings
+        self._events = events
+        self._detectors: OrderedDict[str, Detector] = OrderedDict()
+
+    def process(self, chunk: Sequence[Located]) -> Records:
+        """Judge a chunk; return a verdict for each row, in order."""
+        verdicts = np.zeros(len(chunk), VERDICTS)
+        by_drive: dict[str, list[int]] = {}
+        for place, located in enumerate(chunk):
+            if located.refusal is not None:
+                verdicts["outcome"][place] = located.refusal.reason
+                self.summary.add_refused(located, *located.refusal, count=True)
+            elif located.record:
+                by_drive.setdefault(located.drive, []).append(place)
+            else:
+                self.summary.truth.add_label(located)
+        for drive, places in by_drive.items():
+            verdicts[places] = self._of_drive(drive, [chunk[place] for place in places])
+        return verdicts
+
+    def finish(self) -> None:
+        """Let time pass until every event has ended."""
+        while self._detectors:
+            self._finish_oldest()
+
+    def _of_drive(self, drive: str, chunk: list[Located]) -> Records:
+        detector = self._detectors.pop(drive, None)
+        if detector is None:
+            if len(self._detectors) == DRIVES_AT_ONCE:
+                self._finish_oldest()
+            detector = Detector(site=self._settings.site, **asdict(self._settings.detector()))
+        self._detectors[drive] = detector
         result = _process(detector, chunk)
-        summary.add(result)
-        _write_events(events, result.events)
+        self._add(drive, result)
+        if drive:
+            self.summary.add_problems(chunk, result)
+        for located, is_anomalous in zip(chunk, result.verdicts["anomalous"].tolist(), strict=True):
+            if located.truth is not None:
+                self.summary.truth.add_verdict(located, is_anomalous=is_anomalous)
+        return result.verdicts
+
+    def _finish_oldest(self) -> None:
+        drive, detector = self._detectors.popitem(last=False)
+        self._add(drive, detector.finish())
+
+    def _add(self, drive: str, result: Result) -> None:
+        self.summary.add(drive, result)
+        _write_events(self._events, result.events)
+
+
+def _judge(judging: _Judging, recordings: Recordings, verdicts: VerdictWriter | None, bar: Progress) -> None:
+    task = bar.add_task("judging", total=1.0)
+    for chunk in recordings.chunks:
+        found = judging.process(chunk)
         if verdicts is not None:
-            verdicts.write([located.record for located in chunk], result.verdicts)
-        show.update(task, completed=recordings.share)
-    rest = detector.finish()
-    summary.add(rest)
-    _write_events(events, rest.events)
-    return summary
+            rows = list(_with_verdict(chunk))
+            verdicts.write([chunk[row].record for row in rows], found[rows])
+        bar.update(task, completed=recordings.share)
+    judging.finish()
+
+
+def _with_verdict(chunk: Sequence[Located]) -> Iterator[int]:
+    """Yield the places of all rows but those of ground truth."""
+    return (place for place, located in enumerate(chunk) if located.record or located.refusal is not None)
 
 
 def _process(detector: Detector, chunk: list[Located]) -> Result:
-    """Judge a chunk; a record that is not of the form of BSM v1 is an error of the recording, not of a sender."""
+    """Judge a chunk; a record of BSM v1 that is not of its form is an error of the recording, not of a sender."""
     records = [located.record for located in chunk]
     try:
         result = detector.process(records)
     except ReceivedError as error:
         raise chunk[error.place].source.error(error.problem, chunk[error.place].number) from None
     for place, problem in result.problems.items():
-        if result.verdicts["outcome"][place] == Outcome.MALFORMED.label:
+        if result.verdicts["outcome"][place] == Outcome.MALFORMED.label and not chunk[place].drive:
             raise chunk[place].source.error(problem, chunk[place].number)
     return result
 
@@ -144,18 +166,3 @@ def _progress(recordings: Recordings) -> Progress:
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     known = all(source.path is not None for source in recordings.sources)
     return Progress(*columns, console=console, disable=not (known and console.is_terminal), transient=True)
-
-
-def _print(summary: dict[str, Any]) -> None:
-    table = Table("outcome", "records", title=f"{summary['records']:,} records")
-    for outcome, count in summary["outcomes"].items():
-        table.add_row(outcome, f"{count:,}")
-    console = Console()
-    console.print(table)
-    rate = summary["alarms_per_vehicle_hour"]
-    console.print(
-        f"{summary['vehicles']:,} vehicles, {summary['vehicle_hours']:.3f} vehicle hours,"
-        f" {summary['alarms']:,} alarms" + ("" if rate is None else f", {rate:.3g} per vehicle hour")
-    )
-    for kind, count in summary["events"].items():
-        console.print(f"  {kind}: {count:,}")

@@ -1,4 +1,4 @@
-"""Which reader reads a recording: by the name of the format, the ending of the file, or its first byte."""
+"""Which reader reads a recording: by the name of the format, else by its first bytes, else by its ending."""
 
 import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -7,35 +7,84 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import Final, NamedTuple
 
+from headway.feeds.refusal import Refusal
+from headway.gateways.recordings import fcd
 from headway.gateways.recordings.bsm_lines import read_lines
 from headway.gateways.recordings.columns import RECEIVED, read_csv, read_parquet
-from headway.gateways.recordings.reader import CHUNK, Reader, Record, RecordingError, Source, named_errors, opened
+from headway.gateways.recordings.messages import ode, pcap, thea, veremi
+from headway.gateways.recordings.order import by_drive
+from headway.gateways.recordings.reader import (
+    CHUNK,
+    Reader,
+    Record,
+    RecordingError,
+    Row,
+    Source,
+    Truth,
+    named_errors,
+    opened,
+)
+from headway.gateways.recordings.tables import openacc, published
+from headway.gateways.recordings.tables.cells import header_of
 
 AUTO: Final = "auto"
+BSM: Final = "bsm"
+COLUMNS: Final = "columns"
+
+Rows = Callable[[Source], Iterator[Row]]
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A kind of recordings. A new one is a reader and an entry of `FORMATS`."""
+    """A kind of recordings. A new one is a file with these two functions and an entry of `FORMATS`."""
 
-    readers: Mapping[str, Reader]
-    """By ending of the file."""
-    from_stream: Callable[[bytes], Reader | None] = lambda _: None
-    """Returns the reader of a stream without a name that begins with these bytes; None: it is of another format."""
+    what: str
+    """In a few words, for the table of formats."""
+    recognise: Callable[[bytes], bool]
+    """Whether a recording that begins with these bytes is of this format."""
+    read: Rows
+    """Yields the rows in time order, those that it refuses among them; raises `RecordingError`."""
 
 
-_BSM_READERS: Final = {".jsonl": read_lines, ".ndjson": read_lines, ".csv": read_csv, ".parquet": read_parquet}
+def _table(table: published.Table, what: str) -> Format:
+    return Format(what, table.recognise, table.read)
+
+
+def _messages(what: str, recognise: Callable[[bytes], bool], read: Rows) -> Format:
+    """Return a format whose messages all share a road, as long as no long gap is between them."""
+    return Format(what, recognise, lambda source: by_drive(read(source)))
+
+
 FORMATS: Final[Mapping[str, Format]] = {
-    "bsm": Format(_BSM_READERS, lambda head: read_lines if head.lstrip()[:1] == b"{" else read_csv),
+    "pcap": _messages("captured UDP datagrams with J2735 UPER or JSON: pcap, pcapng", pcap.recognise, pcap.read),
+    "fcd": Format("SUMO floating car data, XML", fcd.recognise, fcd.read),
+    "thea": _messages("Tampa pilot (THEA) CSV with XER", thea.recognise, thea.read),
+    "veremi": Format("VeReMi, F2MD and VeReMi-NextGen logs, JSON", veremi.recognise, veremi.read),
+    "ode": _messages("USDOT ODE JSON, every schema, and J2735 JSON", ode.recognise, ode.read),
+    "bsmp1": _table(published.BSM_P1, "SPMD BsmP1, CSV with or without a header"),
+    "datawsu": _table(published.DATA_WSU, "SPMD DataWsu, CSV"),
+    "wydot": _table(published.WYDOT, "Wyoming pilot (WYDOT) BSM CSV"),
+    "ngsim": _table(published.NGSIM, "NGSIM trajectories, CSV"),
+    "highd": _table(published.HIGHD, "highD tracks, CSV"),
+    "openacc": Format("OpenACC platoons, CSV", openacc.recognise, openacc.read),
+    "gnss": _table(published.GNSS, "CSV with t_s, id, lat, lon and speed_mps"),
 }
+"""By the word of `--format`, in the order in which they are tried; beside them there are `bsm` and `columns`."""
+
+_BSM_READERS: Final[Mapping[str, Reader]] = {
+    ".jsonl": read_lines, ".ndjson": read_lines, ".csv": read_csv, ".parquet": read_parquet
+}  # fmt: skip
 
 
 class Located(NamedTuple):
-    """A record and its place in words."""
+    """A record and its place in words, or why there is none."""
 
     source: Source
     number: int
     record: Record
+    drive: str = ""
+    refusal: Refusal | None = None
+    truth: Truth | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,35 +102,67 @@ class Recordings:
 
 
 @contextmanager
-def open_recordings(names: Sequence[str], form: str = AUTO) -> Iterator[Recordings]:
-    """Open recordings of one format, or each of the format that its name or its first bytes tell.
+def open_recordings(names: Sequence[str], form: str = AUTO, columns: str | None = None) -> Iterator[Recordings]:
+    """Open recordings of one format, or each of the format that its first bytes or its name tell.
+
+    `columns` is a mapping for tables that have columns of their own.
 
     Raises
     ------
     RecordingError
         One of them cannot be read; also while the chunks are read.
     """
-    if form != AUTO and form not in FORMATS:
-        raise RecordingError(f"--format {form}: choose from {', '.join((AUTO, *FORMATS))}")
+    words = (AUTO, BSM, *FORMATS)
+    if form not in words:
+        raise RecordingError(f"--format {form}: choose from {', '.join(words)}")
+    if columns is not None and form != AUTO:
+        raise RecordingError("--columns describes a table of your own: leave --format out")
     with ExitStack() as stack:
         sources = [stack.enter_context(opened(name)) for name in names]
-        readers = [_reader(source, form) for source in sources]
-        located = [_located(source, reader) for source, reader in zip(sources, readers, strict=True)]
+        located = []
+        for source in sources:
+            source.columns = columns
+            located.append(_located(source, _reader(source, form)))
         yield Recordings(sources, located[0] if len(located) == 1 else _merged(located))
 
 
 def _reader(source: Source, form: str) -> Reader:
-    formats = FORMATS.values() if form == AUTO else [FORMATS[form]]
-    for candidate in formats:
-        reader = (
-            candidate.readers.get(source.ending)
-            if source.path is not None
-            else candidate.from_stream(source.stream.peek(64))
+    if source.columns is not None:
+        return _in_chunks(published.read_mapped)
+    if form == AUTO and not _is_bsm(source.head):
+        form = next((name for name, candidate in FORMATS.items() if candidate.recognise(source.head)), AUTO)
+    if form in FORMATS:
+        return _in_chunks(FORMATS[form].read)
+    if source.path is None:
+        return read_lines if source.head.lstrip()[:1] == b"{" else read_csv
+    reader = _BSM_READERS.get(source.ending)
+    if reader is None:
+        raise source.error(
+            f"no recording by its ending: {', '.join(_BSM_READERS)}, each also with .gz or .zst;"
+            " nor by its content: see --format and --columns"
         )
-        if reader is not None:
-            return reader
-    endings = ", ".join(ending for candidate in formats for ending in candidate.readers)
-    raise source.error(f"no recording by its ending: {endings}, each also with .gz or .zst")
+    return reader
+
+
+def _is_bsm(head: bytes) -> bool:
+    """Whether the first bytes are of BSM v1, whatever other names are among them."""
+    line = head.partition(b"\n")[0]
+    return b'"msg_cnt"' in line or {"msg_cnt", "t_us"} <= set(header_of(head) if line[:1] not in (b"{", b"[") else ())
+
+
+def _in_chunks(rows_of: Rows) -> Reader:
+    """Return a reader of a foreign format; a recording without a single good row cannot be read."""
+
+    def read(source: Source) -> Iterator[list[Row]]:
+        rows, good, refused = rows_of(source), 0, list[Row]()
+        while chunk := list(islice(rows, CHUNK)):
+            good += sum(row.refusal is None for row in chunk)
+            refused += [] if good or refused else chunk[:1]
+            yield chunk
+        if refused and not good and (refusal := refused[0].refusal) is not None:
+            raise source.error(f"{refusal.detail}; no row can be read", refused[0].number)
+
+    return read
 
 
 def _located(source: Source, reader: Reader) -> Iterator[list[Located]]:

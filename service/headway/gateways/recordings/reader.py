@@ -3,27 +3,43 @@
 import gzip
 import io
 import sys
+import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias, cast
+
+from headway.feeds.refusal import Refusal
 
 STANDARD_INPUT: Final = "-"
 CHUNK: Final = 2_000
 """Records that a reader yields at once."""
+START_US: Final = 946_684_800_000_000
+"""Unix time, 2000-01-01, that stands for 0 in recordings whose time counts from their own start."""
 
 Record: TypeAlias = dict[str, Any]
 """A BSM v1 map, not yet validated; `received_us` may say when it was received."""
 
-_COMPRESSED: Final = (".gz", ".zst")
+_COMPRESSED: Final = (".gz", ".zst", ".zip")
 _GZIP: Final = b"\x1f\x8b"
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
+_ZIP: Final = b"PK\x03\x04"
+_PARQUET: Final = b"PAR1"
+_HEAD_BYTES: Final = 65_536
 
 
 class RecordingError(Exception):
     """A recording that cannot be read: one line that names the file and the place."""
+
+
+class Truth(NamedTuple):
+    """What the ground truth of a data set says of a message. The detector never sees it."""
+
+    message: str
+    is_attack: bool | None
+    """None: another row tells it."""
 
 
 class Row(NamedTuple):
@@ -32,6 +48,11 @@ class Row(NamedTuple):
     number: int
     """Of its line or row, from 1."""
     record: Record
+    """Empty where the row is refused, and where it is ground truth only."""
+    drive: str = ""
+    """Records of two drives never meet on the road."""
+    refusal: Refusal | None = None
+    truth: Truth | None = None
 
 
 @dataclass(slots=True)
@@ -41,12 +62,16 @@ class Source:
     name: str
     ending: str
     """Of the name, less that of the compression, such as ".jsonl"; empty for standard input."""
-    stream: io.BufferedReader
+    stream: "io.BufferedReader[Any]"
     path: Path | None = None
     """None for standard input."""
     compressed: bool = False
     share: Callable[[], float] = field(default=lambda: 0.0)
     """How much of it is read, 0 to 1; always 0 for standard input."""
+    head: bytes = b""
+    """Its first bytes; of a Parquet file the names of its columns as a line of CSV."""
+    columns: str | None = None
+    """The mapping that the user gives for a table."""
 
     def error(self, what: object, number: int | None = None, unit: str = "line") -> RecordingError:
         """Return the error of one place, or of the whole."""
@@ -58,9 +83,27 @@ Reader: TypeAlias = Callable[[Source], Iterator[list[Row]]]
 """Reads a recording chunk by chunk, in its own order; raises `RecordingError`."""
 
 
+class _Rewound(io.RawIOBase):
+    """A stream whose first bytes have been read, from its beginning."""
+
+    def __init__(self, head: bytes, rest: io.BufferedIOBase) -> None:
+        self._head = memoryview(head)
+        self._rest = rest
+
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        if not self._head:
+            return self._rest.readinto(buffer)
+        size = min(len(buffer), len(self._head))
+        buffer[:size], self._head = self._head[:size], self._head[size:]
+        return size
+
+
 @contextmanager
 def opened(name: str) -> Iterator[Source]:
-    """Open a file, or standard input for `-`, decompressed when its first bytes say gzip or zstd.
+    """Open a file, or standard input for `-`, decompressed when its first bytes say gzip, zstd or zip.
 
     Raises
     ------
@@ -93,17 +136,33 @@ def named_errors(name: str) -> Iterator[None]:
 
 def _decompression_errors() -> tuple[type[Exception], ...]:
     zstandard = sys.modules.get("zstandard")
-    return (EOFError, zlib.error, *([zstandard.ZstdError] if zstandard else []))
+    return (EOFError, zlib.error, zipfile.BadZipFile, *([zstandard.ZstdError] if zstandard else []))
 
 
 def _source(name: str, path: Path | None, raw: io.BufferedReader) -> Source:
-    stream = _decompressed(name, raw.peek(4)[:4], raw)
-    if not stream.peek(1):
+    stream, inner = _decompressed(name, path, raw)
+    head = stream.read(_HEAD_BYTES)
+    if not head:
         raise RecordingError(f"{name}: empty")
+    rewound = io.BufferedReader(_Rewound(head, stream), _HEAD_BYTES)
     if path is None:
-        return Source(name, "", stream)
+        return Source(name, "", rewound, head=head)
     size = path.stat().st_size
-    return Source(name, _ending(path), stream, path, stream is not raw, lambda: raw.tell() / size)
+    ending = _ending(path) if inner is None else _ending(Path(inner))
+    source = Source(name, ending, rewound, path, stream is not raw, lambda: min(raw.tell() / size, 1.0), head)
+    if head.startswith(_PARQUET) and not source.compressed:
+        source.head = _parquet_head(path) or head
+    return source
+
+
+def _parquet_head(path: Path) -> bytes:
+    """Return the names of the columns, nothing where they cannot be read: the reader says why."""
+    try:
+        import polars as pl  # noqa: PLC0415 - an extra
+
+        return ",".join(pl.read_parquet_schema(path)).encode()
+    except Exception:  # noqa: BLE001 - whatever it is, the reader meets it again
+        return b""
 
 
 def _ending(path: Path) -> str:
@@ -113,13 +172,30 @@ def _ending(path: Path) -> str:
     return endings[-1] if endings else ""
 
 
-def _decompressed(name: str, head: bytes, raw: io.BufferedReader) -> io.BufferedReader:
+def _decompressed(name: str, path: Path | None, raw: io.BufferedReader) -> tuple[io.BufferedReader, str | None]:
+    """Return the decompressed stream, and the name of the file within an archive."""
+    head = raw.peek(4)[:4]
     if head.startswith(_GZIP):
-        return io.BufferedReader(gzip.GzipFile(fileobj=raw))
+        return io.BufferedReader(gzip.GzipFile(fileobj=raw)), None
     if head == _ZSTD:
         try:
             import zstandard  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
             raise RecordingError(f"{name}: zstd needs zstandard: pip install 'headway[recordings]'") from None
-        return io.BufferedReader(zstandard.ZstdDecompressor().stream_reader(raw, read_across_frames=True))
-    return raw
+        return io.BufferedReader(zstandard.ZstdDecompressor().stream_reader(raw, read_across_frames=True)), None
+    if head == _ZIP:
+        return _unzipped(name, path, raw)
+    return raw, None
+
+
+def _unzipped(name: str, path: Path | None, raw: io.BufferedReader) -> tuple[io.BufferedReader, str]:
+    if path is None:
+        raise RecordingError(f"{name}: a zip archive is read from a file only")
+    archive = zipfile.ZipFile(raw)
+    members = [member for member in archive.infolist() if not member.is_dir() and "__MACOSX" not in member.filename]
+    if len(members) != 1:
+        raise RecordingError(f"{name}: {len(members)} files in the archive: unpack it, and name those to be read")
+    try:
+        return io.BufferedReader(cast("io.RawIOBase", archive.open(members[0]))), members[0].filename
+    except (RuntimeError, NotImplementedError) as error:
+        raise RecordingError(f"{name}: {error}") from None

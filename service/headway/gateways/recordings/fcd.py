@@ -1,0 +1,136 @@
+"""Floating car data of SUMO (`--fcd-output`), XML, with `--fcd-output.geo` or with the metres of the network."""
+
+import math
+from collections.abc import Iterator
+from itertools import chain
+from typing import Final, NamedTuple
+from xml.etree import ElementTree as ET
+
+from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNAVAILABLE, Refusal
+from headway.gateways.recordings.local_plane import ORIGIN
+from headway.gateways.recordings.order import by_drive
+from headway.gateways.recordings.reader import START_US, Record, Row, Source
+from headway.gateways.recordings.tables.cells import identifier, number
+from headway_schemas.bsm import WIRE_VERSION
+
+_STEPS_TO_DECIDE: Final = 200
+_METRES_FROM: Final = 1e-2
+"""Share of the driven distance by which coordinates change at least where they are metres: a degree is 1e5 of them."""
+_VEHICLES_MAX: Final = 100_000
+_GEO_OPTION: Final = b'<fcd-output.geo value="true"'
+_ACCEL_MAX_MPS2: Final = 20.0
+
+
+class _Seen(NamedTuple):
+    """A vehicle in a time step."""
+
+    number: int
+    t_s: float
+    vehicle: str
+    x: float
+    y: float
+    speed_mps: float
+    heading_deg: float | None
+    accel_mps2: float | None
+
+
+def recognise(head: bytes) -> bool:
+    """Whether these first bytes are such a file."""
+    return b"<fcd-export" in head
+
+
+def read(source: Source) -> Iterator[Row]:
+    """Yield a record for each vehicle of each step, in the order of time."""
+    return by_drive(_rows(source))
+
+
+def _rows(source: Source) -> Iterator[Row]:
+    seen = _seen(source)
+    waiting: list[_Seen | Row] = []
+    is_geo = True if _GEO_OPTION in source.head else None
+    last: dict[str, _Seen] = {}
+    while is_geo is None and (one := next(seen, None)) is not None:
+        waiting.append(one)
+        if isinstance(one, _Seen):
+            is_geo = _by_motion(last.get(one.vehicle), one)
+            last[one.vehicle] = one
+        if len(waiting) >= _STEPS_TO_DECIDE * 100:
+            break
+    if is_geo is None:
+        places = [one for one in waiting if isinstance(one, _Seen)]
+        is_geo = all(abs(one.x) <= 180.0 and abs(one.y) <= 90.0 for one in places)  # noqa: PLR2004 - degrees
+    counts: dict[str, int] = {}
+    for one in chain(waiting, seen):
+        yield one._replace(drive=source.name) if isinstance(one, Row) else _row(one, source.name, counts, is_geo=is_geo)
+
+
+def _by_motion(before: _Seen | None, now: _Seen) -> bool | None:
+    """Return whether coordinates are degrees, by how far they change; None where the vehicle has hardly moved."""
+    driven_m = 0.0 if before is None else before.speed_mps * (now.t_s - before.t_s)
+    if before is None or driven_m < 0.1:  # noqa: PLR2004 - beyond the rounding of the file
+        return None
+    return math.hypot(now.x - before.x, now.y - before.y) < _METRES_FROM * driven_m
+
+
+def _row(one: _Seen, drive: str, counts: dict[str, int], *, is_geo: bool) -> Row:
+    if len(counts) >= _VEHICLES_MAX:
+        counts.clear()
+    count = counts.get(one.vehicle, 0)
+    counts[one.vehicle] = count + 1
+    lat, lon = (one.y, one.x) if is_geo else ORIGIN.lat_lon(one.x, one.y)
+    record: Record = {
+        "v": WIRE_VERSION,
+        "id": one.vehicle,
+        "msg_cnt": count % 128,
+        "t_us": START_US + round(one.t_s * 1e6),
+        "lat": lat,
+        "lon": lon,
+        "speed_mps": one.speed_mps,
+    }
+    if one.heading_deg is not None:
+        record["heading_deg"] = one.heading_deg % 360.0
+    if one.accel_mps2 is not None and abs(one.accel_mps2) <= _ACCEL_MAX_MPS2:
+        record["accel_mps2"] = one.accel_mps2
+    return Row(one.number, record, drive)
+
+
+def _seen(source: Source) -> Iterator[_Seen | Row]:
+    """Parse step by step; what has been read is released. The number is that of the vehicle element."""
+    number_, t_s, root = 0, math.nan, None
+    try:
+        for event, element in ET.iterparse(source.stream, ("start", "end")):  # noqa: S314 - expat bounds entities
+            if root is None:
+                root = element
+            if event == "start" and element.tag == "timestep":
+                t_s = _time_s(element.get("time", ""))
+            elif event == "end" and element.tag in ("vehicle", "person", "container"):
+                number_ += 1
+                yield _vehicle(number_, t_s, element)
+            elif event == "end" and element.tag == "timestep":
+                root.clear()
+    except ET.ParseError:
+        yield Row(number_ + 1, {}, refusal=Refusal(MALFORMED, "the XML is cut or damaged: it ends here"))
+
+
+def _vehicle(number_: int, t_s: float, element: ET.Element) -> _Seen | Row:
+    if element.tag != "vehicle":
+        return Row(number_, {}, refusal=Refusal(OTHER_MESSAGE, f"a {element.tag}, no vehicle"))
+    try:
+        x, y, speed, angle, accel = (number(element.get(name)) for name in ("x", "y", "speed", "angle", "acceleration"))
+    except ValueError:
+        return Row(number_, {}, refusal=Refusal(MALFORMED, "an attribute that is no number"))
+    vehicle = element.get("id", "")
+    if x is None or y is None or speed is None or not vehicle or math.isnan(t_s):
+        return Row(number_, {}, refusal=Refusal(UNAVAILABLE, "without time, id, x, y or speed"))
+    return _Seen(number_, t_s, identifier(vehicle), float(x), float(y), float(speed), angle, accel)
+
+
+def _time_s(text: str) -> float:
+    """Read seconds, or hours, minutes and seconds apart by colons; NaN for anything else."""
+    try:
+        parts = [number(part) for part in text.split(":")]
+    except ValueError:
+        return math.nan
+    if None in parts or len(parts) > 3:  # noqa: PLR2004
+        return math.nan
+    return float(sum(float(part or 0) * 60**place for place, part in enumerate(reversed(parts))))

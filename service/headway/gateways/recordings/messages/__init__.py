@@ -1,0 +1,1 @@
+"""Recordings of messages: JSON, XER and captured packets."""

@@ -1,0 +1,1 @@
+"""Tables of readings: CSV and Parquet, by a mapping of their columns."""

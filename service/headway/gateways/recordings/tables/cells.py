@@ -1,0 +1,107 @@
+"""Rows of any table: CSV in the dialect that it has, or Parquet, and the numbers in their cells."""
+
+import csv
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+from headway.gateways.recordings.reader import Source
+
+_NOT_GIVEN: Final = frozenset({"", "n/a", "na", "nan", "null", "none", "\\n", "-"})
+_DELIMITERS: Final = ",;\t|"
+_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_.-]")
+_ID_MAX: Final = 64
+_CELL_MAX: Final = 1_000_000
+_ROWS_AT_ONCE: Final = 20_000
+CUT_ROW: Final = "another number of cells than the header has"
+
+
+@dataclass(frozen=True, slots=True)
+class TableRow:
+    """A row and its number, from 1 for the header; cells are text in CSV and any value in Parquet."""
+
+    number: int
+    cells: Sequence[Any]
+
+
+def header_of(head: bytes) -> list[str]:
+    """Return the names in the first line of a table that begins with these bytes."""
+    line = head.decode("utf-8-sig", "replace").lstrip("\r\n").partition("\n")[0].rstrip("\r")
+    return [name.strip() for name in next(csv.reader([line], delimiter=delimiter_of(line)), [])] if line else []
+
+
+def delimiter_of(line: str) -> str:
+    """Return the delimiter that the line has most of, a comma where it has none."""
+    return max(_DELIMITERS, key=line.count)
+
+
+def table_rows(source: Source) -> Iterator[TableRow]:
+    """Yield the rows of a table; the first is its first line, or the names of the columns of a Parquet file.
+
+    A row of CSV that cannot be taken apart comes without cells.
+    """
+    if source.path is not None and not source.compressed and source.stream.peek(4)[:4] == b"PAR1":
+        yield from _parquet_rows(source)
+        return
+    csv.field_size_limit(_CELL_MAX)
+    text = io.TextIOWrapper(source.stream, "utf-8-sig", errors="replace", newline="")
+    try:
+        delimiter = delimiter_of(source.head.decode("utf-8-sig", "replace").lstrip("\r\n").partition("\n")[0])
+        lines = csv.reader(text, delimiter=delimiter, skipinitialspace=True)
+        while True:
+            try:
+                cells = next(lines)
+            except StopIteration:
+                return
+            except csv.Error:
+                cells = [""]
+            if cells:
+                yield TableRow(lines.line_num, cells)
+    finally:
+        text.detach()
+
+
+def _parquet_rows(source: Source) -> Iterator[TableRow]:
+    try:
+        import polars as pl  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError:
+        raise source.error("Parquet needs polars: pip install 'headway[recordings]'") from None
+    try:
+        scan = pl.scan_parquet(source.path or "")
+        yield TableRow(1, scan.collect_schema().names())
+        count = scan.select(pl.len()).collect().item()
+        for first in range(0, count, _ROWS_AT_ONCE):
+            source.share = lambda first=first: first / count  # type: ignore[misc]
+            rows = scan.slice(first, _ROWS_AT_ONCE).collect().iter_rows()
+            yield from (TableRow(number, cells) for number, cells in enumerate(rows, first + 2))
+    except pl.exceptions.PolarsError as error:
+        raise source.error(error) from None
+
+
+def number(cell: Any) -> float | int | None:
+    """Return the number in a cell, None where the cell says that there is none.
+
+    Raises
+    ------
+    ValueError
+        The cell holds something else.
+    """
+    if cell is None or isinstance(cell, int | float):
+        return None if cell is None or cell != cell else cell  # noqa: PLR0124 - NaN
+    text = str(cell).strip()
+    if text.lower() in _NOT_GIVEN:
+        return None
+    if not _NUMBER.fullmatch(text):
+        raise ValueError(text)
+    return int(text) if text.lstrip("+-").isdecimal() else float(text)
+
+
+def identifier(text: str) -> str:
+    """Return an identifier of the bus: a character that it cannot have becomes `~` and its octets in hex.
+
+    Two texts that differ stay apart, up to 64 characters of the result.
+    """
+    return _NOT_IN_ID.sub(lambda found: "".join(f"~{octet:02X}" for octet in found[0].encode()), text)[:_ID_MAX]

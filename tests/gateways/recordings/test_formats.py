@@ -1,0 +1,206 @@
+"""Every format, every compression: the records are the numbers of the file, and nothing else."""
+
+import gzip
+import json
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zstandard
+from gateways.recordings.made_files import (
+    ABSOLUTE_US,
+    BSM_P1_HEADER,
+    MADE,
+    READINGS,
+    Reading,
+    bsm_p1_row,
+    ode_message,
+    veremi_message,
+)
+
+from headway.gateways.recordings.formats import FORMATS, Located, open_recordings
+from headway.gateways.recordings.reader import RecordingError
+
+
+def rows_of(*paths: Path, **options: Any) -> list[Located]:
+    with open_recordings([str(path) for path in paths], **options) as recordings:
+        return [located for chunk in recordings.chunks for located in chunk]
+
+
+def records_of(path: Path, **options: Any) -> list[dict[str, Any]]:
+    return [row.record for row in rows_of(path, **options) if row.record]
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_records_are_the_numbers_of_the_file(tmp_path: Path, name: str) -> None:
+    made, path = MADE[name], tmp_path / name
+    made.write(path)
+    records = records_of(path)
+    assert len(records) == len(READINGS)
+    for one, record in zip(READINGS, records, strict=True):
+        assert record["id"] == made.ids[one.car - 1]
+        assert record["t_us"] == made.start_us + one.step * 100_000
+        assert record["msg_cnt"] == one.step % 128
+        assert record["lat"] == pytest.approx(one.lat, abs=1e-7)
+        assert record["lon"] == pytest.approx(one.lon, abs=1e-7)
+        assert record["speed_mps"] == pytest.approx(one.speed_mps, abs=0.011)
+        assert record.get("heading_deg", 0.0) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_each_format_is_recognised_by_the_content_alone(tmp_path: Path) -> None:
+    for name, made in MADE.items():
+        path = tmp_path / "recording.BIN" if not name.endswith(".parquet") else tmp_path / "recording"
+        made.write(path)
+        by_content = records_of(path)
+        word = (
+            next(word for word, form in FORMATS.items() if form.recognise(path.read_bytes()[:65_536]))
+            if (not name.endswith(".parquet"))
+            else "bsmp1"
+        )
+        assert records_of(path, form=word) == by_content, name
+
+
+def zipped(content: bytes, path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("folder/BSMP1.CSV", content)
+
+
+COMPRESSIONS: list[tuple[str, Callable[[bytes, Path], object]]] = [
+    ("a.CSV.GZ", lambda content, path: path.write_bytes(gzip.compress(content))),
+    ("a.csv.zst", lambda content, path: path.write_bytes(zstandard.compress(content))),
+    ("a.zip", zipped),
+    ("a.csv", lambda content, path: path.write_bytes(b"\xef\xbb\xbf" + content.replace(b"\n", b"\r\n"))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(b",", b";"))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(b"GenTime", b"Gentime"))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(BSM_P1_HEADER.encode() + b"\n", b""))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(b"\n", b",\n"))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(b",", b", "))),
+    (
+        "a.csv",
+        lambda content, path: path.write_bytes(b'"' + content.replace(b",", b'","').replace(b"\n", b'"\n"')[:-1]),
+    ),
+]
+
+
+@pytest.mark.parametrize(("name", "write"), COMPRESSIONS)
+def test_each_dress_of_a_table_gives_the_same(
+    tmp_path: Path, name: str, write: Callable[[bytes, Path], object]
+) -> None:
+    plain = tmp_path / "plain.csv"
+    MADE["bsmp1.csv"].write(plain)
+    write(plain.read_bytes(), tmp_path / name)
+    assert records_of(tmp_path / name) == records_of(plain)
+
+
+@pytest.mark.parametrize("word", ["N/A", "\\N", "NaN", "", "NULL"])
+def test_a_cell_without_a_value_is_unavailable_and_the_rest_is_read(tmp_path: Path, word: str) -> None:
+    rows = [bsm_p1_row(one) for one in READINGS]
+    rows[7] = rows[7].replace(f"{READINGS[7].speed_mps:.2f}", word)
+    rows[9] = rows[9].replace(f"{READINGS[9].speed_mps:.2f}", "fast")
+    rows[-1] = rows[-1][:50]
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([BSM_P1_HEADER, *rows]))
+    found = rows_of(path)
+    refused = {row.number: row.refusal for row in found if row.refusal}
+    assert {number: refusal.reason for number, refusal in refused.items()} == {
+        9: "unavailable",
+        11: "malformed",
+        len(rows) + 1: "malformed",
+    }
+    assert "Speed" in refused[9].detail
+    assert sum(row.refusal is None for row in found) == len(READINGS) - 3
+
+
+def test_nothing_is_moved_smoothed_or_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    places = [(0.0, 0.0), (42.0, 180.0), (42.0, -180.0), (42.1, 179.9999999), (-89.9, 12.5)]
+    rows = [
+        bsm_p1_row(Reading(1, step)).replace(f"{Reading(1, step).lat:.9f},{Reading(1, step).lon:.7f}", f"{lat},{lon}")
+        for step, (lat, lon) in enumerate(places)
+    ]
+    path.write_text("\n".join([BSM_P1_HEADER, *rows]))
+    assert [(record["lat"], record["lon"]) for record in records_of(path)] == places
+
+
+def test_days_and_receivers_are_drives_of_their_own_in_the_order_of_time(tmp_path: Path) -> None:
+    path, day_us = tmp_path / "a.csv", 86_400_000_000
+    rows = [
+        bsm_p1_row(one, receiver=receiver, us=ABSOLUTE_US + day * day_us)
+        for one in reversed(READINGS)
+        for receiver in (17, 18)
+        for day in (0, 1)
+    ]
+    path.write_text("\n".join([BSM_P1_HEADER, *rows]))
+    drives: dict[str, list[int]] = {}
+    for row in rows_of(path):
+        drives.setdefault(row.drive, []).append(row.record["t_us"])
+    assert len(drives) == 4
+    for times in drives.values():
+        assert times == sorted(times)
+        assert times[-1] - times[0] < day_us
+
+
+def test_other_messages_are_named_and_no_row_at_all_is_an_error(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    other = {"metadata": {"odeReceivedAt": "2024-08-12T12:32:03Z"}, "payload": {"data": {"SPAT": {}}}}
+    timeless = {"payload": {"data": {"coreData": {"secMark": 1, "id": "00000001"}}}}
+    lines = [json.dumps(message) for message in (ode_message(READINGS[0]), other, timeless)]
+    path.write_text("\n".join([*lines, lines[0][:-30]]))
+    reasons = [row.refusal.reason if row.refusal else "" for row in rows_of(path)]
+    assert reasons == ["", "other_message", "unreadable_time", "malformed"]
+    path.write_text("\n".join(lines[1:]))
+    with pytest.raises(RecordingError, match=r"line 1: .*; no row can be read"):
+        rows_of(path)
+
+
+def test_ground_truth_is_apart_from_the_records(tmp_path: Path) -> None:
+    path = tmp_path / "a.json"
+    own = {"type": 2, "rcvTime": 0.0, "pos": [1.0, 2.0, 0.0], "spd": [1.0, 0.0, 0.0]}
+    truth = {"type": 4, "time": 0.1, "sender": 1, "attackerType": 16, "messageID": 1, "pos": [9.0, 9.0, 0.0]}
+    path.write_text("\n".join(map(json.dumps, (own, truth, veremi_message(READINGS[0])))))
+    label, message = rows_of(path)
+    assert (label.record, label.truth) == ({}, ("1", True))
+    assert message.truth == ("1", None)
+    assert not {"attackerType", "attacker", "messageID"} & message.record.keys()
+
+
+@pytest.mark.parametrize(
+    ("columns", "row", "expected"),
+    [
+        ("id=car,t=time[ms],lat=y,lon=x,speed=v[mph]", "a,1500,42.5,-83,10", {"t_us": 1_500_000, "speed_mps": 4.4704}),
+        ("id=car,t=time,lat=y,lon=x,speed=v[km/h]", "a,1.5,42.5,-83,36", {"t_us": 1_500_000, "speed_mps": 10.0}),
+        ("id=car,t=time[ns],lat=y,lon=x,speed=v[kn]", "a,1700000000123456789,42.5,-83,10",
+         {"t_us": 1_700_000_000_123_456, "speed_mps": 5.144444}),
+        ("id=car,t=time[iso],lat=y,lon=x,speed=v", "a,2024-01-01T00:00:00.5,42,-83,1", {"t_us": 1_704_067_200_500_000}),
+        ("id=car,t=time[cs],lat=y[rad],lon=x[rad],speed=v", "a,150,0.5,-1,1", {"t_us": 1_500_000, "lat": 28.6478898}),
+        ("id=car,t=time,x=x[ft],y=y[ft],speed=v[ft/s],origin=42/-83", "a,1,0,0,10", {"lat": 42.0, "lon": -83.0}),
+        ("id=car,t=time,lat=y,lon=x,speed=v,heading=h[deg math]", "a,1,1,1,1,90", {"heading_deg": 0.0}),
+        ("id=car,t=time,lat=y,lon=x,speed=v,heading=h[rad]", "a,1,1,1,1,3.141592653589793", {"heading_deg": 180.0}),
+        ("id=car,t=time,lat=y,lon=x,vx=v,vy=h", "a,1,1,1,3,-4", {"heading_deg": 143.130102, "speed_mps": 5.0}),
+    ],
+)  # fmt: skip
+def test_a_mapping_has_units(tmp_path: Path, columns: str, row: str, expected: dict[str, float]) -> None:
+    path = tmp_path / "mine.txt"
+    path.write_text(f"Car,Time,Y,X,V,H\n{row}{',0' if row.count(',') == 4 else ''}\n")
+    (record,) = records_of(path, columns=columns)
+    assert {name: record[name] for name in expected} == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"),
+    [
+        ("id=car", "missing: t, lat and lon, or x and y, speed"),
+        ("id=car,t=time[hours],lat=y,lon=x,speed=v", "t: no unit hours: choose from s, ms"),
+        ("id=car,t=time,lat=y,lon=x,speed=v[c]", "speed: no unit c"),
+        ("id=car,t=time,lat=y,lon=x,velocity=v", "no field velocity: choose from id"),
+        ("id=car,t=time,lat=y,lon=x,speed=pace", "no column pace: the table has Car, Time"),
+        ("id:car", "write FIELD=COLUMN"),
+    ],
+)
+def test_a_mapping_that_cannot_be_used_is_one_line(tmp_path: Path, columns: str, words: str) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("Car,Time,Y,X,V,H\na,1,1,1,1,0\n")
+    with pytest.raises(RecordingError, match=words):
+        rows_of(path, columns=columns)
