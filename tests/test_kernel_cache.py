@@ -54,22 +54,22 @@ def test_kernels_are_counted_wherever_they_lie(folder) -> None:
 @pytest.mark.parametrize("damage", [lambda whole: whole[: len(whole) // 2], lambda _: b""])
 def test_a_file_that_is_cut_short_is_removed(folder, damage, is_noted: bool) -> None:
     folder.mkdir(parents=True)
-    for name in ("one.1.nbc", "two.1.nbc"):
+    for name in ("one-1.py311.1.nbc", "two-1.py311.1.nbc"):
         (folder / name).write_bytes(pickle.dumps(list(range(100))))
     if is_noted:
         with kernel_cache.alone():
             pass
-    (folder / "one.1.nbc").write_bytes(damage((folder / "one.1.nbc").read_bytes()))
+    (folder / "one-1.py311.1.nbc").write_bytes(damage((folder / "one-1.py311.1.nbc").read_bytes()))
     with kernel_cache.alone():
-        assert [file.name for file in sorted(folder.glob("*.nbc"))] == ["two.1.nbc"]
+        assert [file.name for file in sorted(folder.glob("*.nbc"))] == ["two-1.py311.1.nbc"]
 
 
 def test_a_noted_file_with_one_wrong_bit_is_removed(folder) -> None:
     folder.mkdir(parents=True)
-    (folder / "one.1.nbc").write_bytes(pickle.dumps(b"machine code"))
+    (folder / "one-1.py311.1.nbc").write_bytes(pickle.dumps(b"machine code"))
     with kernel_cache.alone():
         pass
-    (folder / "one.1.nbc").write_bytes(pickle.dumps(b"machine c0de"))
+    (folder / "one-1.py311.1.nbc").write_bytes(pickle.dumps(b"machine c0de"))
     with kernel_cache.alone():
         assert kernel_cache.kept() == 0
 
@@ -77,11 +77,11 @@ def test_a_noted_file_with_one_wrong_bit_is_removed(folder) -> None:
 @pytest.mark.parametrize("content", [b"", b"[1]", b"\xff{"])
 def test_damaged_checksums_are_made_again(folder, content: bytes) -> None:
     folder.mkdir(parents=True)
-    (folder / "one.1.nbc").write_bytes(pickle.dumps(b"machine code"))
+    (folder / "one-1.py311.1.nbc").write_bytes(pickle.dumps(b"machine code"))
     (folder / kernel_cache.CHECKSUMS).write_bytes(content)
     with kernel_cache.alone():
         assert kernel_cache.kept() == 1
-    assert list(json.loads((folder / kernel_cache.CHECKSUMS).read_bytes())) == ["one.1.nbc"]
+    assert list(json.loads((folder / kernel_cache.CHECKSUMS).read_bytes())) == ["one-1.py311.1.nbc"]
 
 
 def test_a_folder_that_cannot_be_made_stops_nobody(tmp_path, monkeypatch) -> None:

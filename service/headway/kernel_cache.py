@@ -1,6 +1,7 @@
 """The folder of compiled kernels, which one process at a time fills."""
 
 import fcntl
+import glob
 import hashlib
 import json
 import os
@@ -71,14 +72,19 @@ def alone() -> Iterator[None]:
 
 
 def _remove_damaged(folder: Path) -> None:
-    """Remove each file that is not as it was noted, and each one not noted that cannot be read."""
+    """Remove a kernel of which a file is not as it was noted, or is not noted and cannot be read."""
     try:
         noted = dict(json.loads((folder / CHECKSUMS).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         noted = {}
     for name, checksum in _checksums(folder).items():
+        if not (folder / name).exists():  # removed with another file of its kernel
+            continue
         if not (noted[name] == checksum if name in noted else _is_readable(folder / name)):
-            (folder / name).unlink()
+            file = folder / name
+            kernel, _, _ = file.name.partition(".py")
+            for part in file.parent.glob(f"{glob.escape(kernel)}.py*"):
+                part.unlink()
 
 
 def _checksums(folder: Path) -> dict[str, str]:

@@ -56,6 +56,25 @@ def test_the_token_in_an_address_becomes_a_cookie_that_scripts_cannot_read() -> 
     assert guarded.get("/").status_code == 200
 
 
+@pytest.mark.parametrize(
+    ("base", "headers", "secure"),
+    [
+        ("http://127.0.0.1:8080", {}, False),
+        ("https://board.example", {}, True),
+        ("http://board.example", {"x-forwarded-proto": "https"}, True),
+    ],
+)
+def test_the_cookie_is_secure_behind_tls(base: str, headers: dict[str, str], secure: bool) -> None:
+    answer = client(token=TOKEN, base=base).get("/", params={"token": TOKEN}, headers=headers)
+    assert ("Secure" in answer.headers["set-cookie"]) == secure
+
+
+@pytest.mark.parametrize("origin", ["http://evil.example", "null", "http://127.0.0.1:8081", "http://127.0.0.1"])
+def test_a_page_of_another_origin_is_turned_away(origin: str) -> None:
+    assert client().get("/history", headers={"origin": origin}).status_code == 421
+    assert client().get("/history", headers={"origin": "http://127.0.0.1:8080"}).status_code == 200
+
+
 def test_a_path_cannot_send_the_browser_elsewhere() -> None:
     answer = client(token=TOKEN).get("http://localhost//evil.example/", params={"token": TOKEN})
     assert answer.headers["location"].startswith("/evil")

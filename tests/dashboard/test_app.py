@@ -60,3 +60,11 @@ def test_viewers_are_limited() -> None:
     broadcaster = Broadcaster(FakeFeed(), ["local"])
     broadcaster.viewers = VIEWER_LIMIT
     assert PageClient(create_app(broadcaster)).get("/stream").status_code == 503
+
+
+@pytest.mark.parametrize("last", ["9" * 10_000, "\u0661", "-1", "1e9", ""])
+def test_a_last_event_id_of_any_length_and_form_is_taken(last: str) -> None:
+    broadcaster = Broadcaster(FakeFeed(), ["local"])
+    broadcaster.closed = True
+    headers = {"last-event-id": last.encode()}
+    assert PageClient(create_app(broadcaster)).get("/stream", headers=headers).status_code == 200

@@ -9,6 +9,7 @@ import httpx
 import pytest
 from fake_service import START_US, FakeFeed, Traffic
 
+from headway.dashboard import server as page
 from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.server import STALL_S, Server, bind, serve
 from headway.errors import UserError
@@ -69,6 +70,21 @@ def test_a_browser_that_takes_nothing_is_dropped() -> None:
     with serving(BusyFeed(), stall_s=0.3) as (port, broadcaster), stalled_browser(port):
         until(lambda: broadcaster.viewers == 1)
         until(lambda: broadcaster.viewers == 0)
+
+
+def test_a_browser_that_never_ends_its_request_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "HEADERS_S", 0.3)
+    with serving(FakeFeed()) as (port, _), socket.create_connection(("127.0.0.1", port)) as slow:
+        slow.settimeout(10.0)
+        slow.sendall(b"GET / HTTP/1.1\r\nX: ")
+        assert slow.recv(1) == b""
+
+
+def test_a_stream_outlives_the_time_for_headers(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(page, "HEADERS_S", 0.3)
+    with serving(FakeFeed()) as (port, _), httpx.stream("GET", f"http://127.0.0.1:{port}/stream") as stream:
+        lines = stream.iter_lines()
+        assert sum(line.startswith("data:") for line, _ in zip(lines, range(30), strict=False)) >= 5
 
 
 def test_the_end_lets_every_viewer_go() -> None:

@@ -21,11 +21,14 @@ class Authority:
             "req", "-x509", *_NEW_KEY, "-keyout", f"{name}.key", "-out", f"{name}.crt", "-subj", f"/CN={name}"
         )
 
-    def issue(self, name: str) -> None:
-        request = ("-keyout", f"{name}.key", "-out", f"{name}.csr", "-subj", f"/CN={name}")
+    def issue(self, name: str, *, file: str | None = None, days: int = 30) -> None:
+        """Issue a certificate of a name, in files of that name or another; one of less than 0 days has expired."""
+        file = file or name
+        request = ("-keyout", f"{file}.key", "-out", f"{file}.csr", "-subj", f"/CN={name}")
         self._openssl("req", *_NEW_KEY, *request, "-addext", "subjectAltName=IP:127.0.0.1")
         signer = ("-CA", f"{self.name}.crt", "-CAkey", f"{self.name}.key", "-CAcreateserial")
-        self._openssl("x509", "-req", "-in", f"{name}.csr", *signer, "-copy_extensions", "copy", "-out", f"{name}.crt")
+        signed = ("-in", f"{file}.csr", "-out", f"{file}.crt", "-days", str(days))
+        self._openssl("x509", "-req", *signed, *signer, "-copy_extensions", "copy")
 
     def _openssl(self, *arguments: str) -> None:
         subprocess.run(["openssl", *arguments], cwd=self.folder, check=True, capture_output=True, timeout=30)

@@ -49,6 +49,7 @@ def tls(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ours = Authority(folder)
     for name in ("router", "gw-north", "headway-local", "dashboard", "unknown"):
         ours.issue(name)
+    ours.issue("gw-north", file="expired", days=-1)
     foreign = Authority(folder, "foreign")
     foreign.issue("impostor")
     return folder
@@ -289,22 +290,33 @@ def test_the_bundled_dashboard_is_content_with_its_rules(bus: Members) -> None:
     assert feed.history(("local",), AlertsQuery()).problems == ()
 
 
+def certificate(file: str) -> dict:
+    return {
+        "transport__link__tls": {
+            "root_ca_certificate": "{tls}/ca.crt",
+            "connect_private_key": f"{{tls}}/{file}.key",
+            "connect_certificate": f"{{tls}}/{file}.crt",
+            "enable_mtls": True,
+        }
+    }
+
+
 @pytest.mark.parametrize(
     "changes",
     [
         {"connect__endpoints": ["tcp/{address}"], "transport__link__protocols": ["tcp"]},
         {"transport__link__tls": {"root_ca_certificate": "{tls}/ca.crt"}},
-        {
-            "transport__link__tls": {
-                "root_ca_certificate": "{tls}/ca.crt",
-                "connect_private_key": "{tls}/impostor.key",
-                "connect_certificate": "{tls}/impostor.crt",
-                "enable_mtls": True,
-            }
-        },
+        certificate("impostor"),
+        certificate("expired"),
         {"transport__link__tls__root_ca_certificate": "{tls}/foreign.crt"},
     ],
-    ids=["plain tcp", "no certificate", "a certificate of another authority", "the router is not the one meant"],
+    ids=[
+        "plain tcp",
+        "no certificate",
+        "a certificate of another authority",
+        "an expired one",
+        "the router is not the one meant",
+    ],
 )
 def test_who_is_not_known_is_refused(tls: Path, address: str, changes: dict) -> None:
     here = json.loads(json.dumps(changes).replace("{address}", address).replace("{tls}", str(tls)))

@@ -21,7 +21,7 @@ from headway_schemas.encodings import BSM_MSGPACK
 KEYS = Keys("v2x", "e2e")
 
 
-START_S = 120.0
+START_S = 300.0
 """The first start on a machine compiles the kernels."""
 
 
@@ -48,7 +48,11 @@ class Service:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "headway", "serve"], env=without_headway() | settings | (more or {}), stderr=log
             )
-        until(self._is_ready, START_S)
+        try:
+            until(self._is_ready, START_S)
+        except BaseException:
+            self.kill()
+            raise
 
     def _is_ready(self) -> bool:
         """Whether it is, where it last said that it is to be asked: a start that compiles is followed by another."""

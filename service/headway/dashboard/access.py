@@ -84,14 +84,15 @@ class AccessControl:
 
     def _refusal(self, scope: Scope) -> Response | None:
         headers, query = Headers(scope=scope), QueryParams(scope["query_string"])
-        if not self._is_known(headers.get("host", "")):
+        if not (self._is_known(headers.get("host", "")) and _is_same_origin(headers)):
             return PlainTextResponse("unknown host name: start the dashboard with --name for it\n", 421)
         if scope["method"] not in {"GET", "HEAD"}:
             return PlainTextResponse("only GET\n", 405, {"Allow": "GET, HEAD"})
         if self._token is None:
             return None
         if self._is_token(query.get("token", "")):
-            return self._redirect_with_cookie(scope["path"], query)
+            is_encrypted = "https" in {scope["scheme"], headers.get("x-forwarded-proto", "").strip().lower()}
+            return self._redirect_with_cookie(scope["path"], query, secure=is_encrypted)
         scheme, _, credential = headers.get("authorization", "").partition(" ")
         if (scheme.lower() == "bearer" and self._is_token(credential)) or self._has_cookie(headers.get("cookie", "")):
             return None
@@ -116,12 +117,18 @@ class AccessControl:
             return False
         return cookie is not None and hmac.compare_digest(cookie.value.encode(), self._cookie.encode())
 
-    def _redirect_with_cookie(self, path: str, query: QueryParams) -> Response:
+    def _redirect_with_cookie(self, path: str, query: QueryParams, *, secure: bool) -> Response:
         """Move the token from the address, where it stays visible, into a cookie that scripts cannot read."""
         rest = urlencode([(name, value) for name, value in query.multi_items() if name != "token"])
         response = RedirectResponse("/" + path.lstrip("/") + ("?" + rest if rest else ""), 303)
-        response.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax")
+        response.set_cookie(COOKIE, self._cookie, httponly=True, samesite="lax", secure=secure)
         return response
+
+
+def _is_same_origin(headers: Headers) -> bool:
+    """Whether a request comes from the page itself, or from no page."""
+    origin = headers.get("origin")
+    return origin is None or origin.rpartition("//")[2].lower() == headers.get("host", "").lower()
 
 
 def _address(host: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

@@ -26,6 +26,7 @@ EVIDENCE_LAST: Final = 8
 """A long event is shown with the evidence of its first and its last updates."""
 _SHOWN_IN_FULL: Final = {"evidence": {"checkpoint", "parameters"}}
 _SHOWN_BRIEFLY: Final = {"evidence"}
+_REVISION_DIGITS: Final = 20
 _STATIC: Final = Path(__file__).with_name("static")
 
 
@@ -58,7 +59,7 @@ class _Page:
     async def stream(self, request: Request) -> ASGIApp:
         if self._broadcaster.viewers >= VIEWER_LIMIT:
             return PlainTextResponse(f"{VIEWER_LIMIT} viewers are the most\n", 503)
-        last = request.headers.get("last-event-id", "")
+        last = request.headers.get("last-event-id", "")[:_REVISION_DIGITS]
         return EventStream(self._broadcaster, int(last) if last.isascii() and last.isdigit() else 0)
 
     async def history(self, request: Request) -> Response:

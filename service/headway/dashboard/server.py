@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import uvicorn
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from headway.client import BusFeed, Feed
 from headway.dashboard.access import is_loopback, read_token
@@ -18,6 +19,10 @@ from headway.dashboard.contact import ContactNotice
 from headway.errors import UserError
 
 STALL_S: Final = 20.0
+HEADERS_S: Final = 10.0
+"""A connection without a request for this long is closed."""
+CONNECTIONS_MAX: Final = 256
+"""Further requests are refused with status 503."""
 
 
 def serve(
@@ -54,6 +59,23 @@ def serve(
             sys.stderr.write("\n")
 
 
+class _Protocol(H11Protocol):
+    """HTTP that does not wait for ever for the headers of a request."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Begin to watch the connection."""
+        super().connection_made(transport)
+        self.loop.call_later(HEADERS_S, self._close_unless_in_use)
+
+    def _close_unless_in_use(self) -> None:
+        if self.transport.is_closing():
+            return
+        if self.cycle is None or self.cycle.response_complete:
+            self.transport.close()
+        else:
+            self.loop.call_later(HEADERS_S, self._close_unless_in_use)
+
+
 class Server(uvicorn.Server):
     """Runs the broadcaster while the page is served."""
 
@@ -76,6 +98,8 @@ class Server(uvicorn.Server):
             access_log=False,
             log_level="warning",
             ws="none",
+            http=_Protocol,
+            limit_concurrency=CONNECTIONS_MAX,
             proxy_headers=False,
             server_header=False,
             timeout_graceful_shutdown=2,

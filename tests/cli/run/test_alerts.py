@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from headway.cli.app import app
 from headway.cli.run.alerts import print_table, query
+from headway.cli.run.alerts_export import write_csv
 from headway.edge.storage.journal import Journal
 from headway.errors import UserError
 
@@ -91,6 +92,13 @@ def test_the_ending_of_the_file_says_the_format(journal: Path, tmp_path: Path) -
     invoke("export", text, "--format", "jsonl", "--journal", journal)
     assert len(text.read_text().splitlines()) == 3
     assert invoke("export", "--journal", journal) == text.read_text()
+
+
+def test_an_id_is_no_formula_of_a_spreadsheet() -> None:
+    row = {"event_id": "-2+3", "suspect": "a-1", "t_us": -5, "evidence": None}
+    out = io.BytesIO()
+    assert write_csv([json.dumps(row).encode()], out) == 1
+    assert out.getvalue().decode().splitlines()[1] == "'-2+3,a-1,-5"
 
 
 def test_a_file_is_not_overwritten_unasked(journal: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

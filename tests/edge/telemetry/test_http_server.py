@@ -1,10 +1,14 @@
 """The probes: 200 when nothing is wrong, 503 with its words when something is."""
 
+import socket
 from collections.abc import Iterator
+from urllib.parse import urlsplit
 
 import httpx
 import pytest
+from sim.until import until
 
+from headway.edge.telemetry import http_server
 from headway.edge.telemetry.http_server import HttpServer
 
 
@@ -67,3 +71,37 @@ def test_the_address_is_given_back() -> None:
             server(port)
     with server(port) as again:
         assert again.port == port
+
+
+def test_a_client_that_never_ends_its_request_is_closed_and_holds_up_nobody(url: str, monkeypatch) -> None:
+    monkeypatch.setattr(http_server, "CONNECTION_S", 0.5)
+    with socket.create_connection(("127.0.0.1", urlsplit(url).port)) as slow:
+        slow.settimeout(10.0)
+        slow.sendall(b"GET /metrics HTTP/1.1\r\nX: ")
+        assert httpx.get(f"{url}/livez").status_code == 200
+
+        def closed() -> bool:
+            try:
+                slow.sendall(b"x")
+            except OSError:
+                return True
+            return False
+
+        until(closed)
+
+
+def test_connections_are_bounded_and_come_back(url: str, monkeypatch) -> None:
+    monkeypatch.setattr(http_server, "CONNECTION_S", 1.0)
+    address = ("127.0.0.1", urlsplit(url).port)
+    slow = [socket.create_connection(address) for _ in range(http_server.CONNECTIONS_MAX)]
+
+    def answered() -> bool:
+        try:
+            return httpx.get(f"{url}/livez").status_code == 200
+        except httpx.TransportError:
+            return False
+
+    until(lambda: not answered() or slow[0].recv(1) == b"")
+    until(answered)
+    for one in slow:
+        one.close()

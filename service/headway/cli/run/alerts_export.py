@@ -56,9 +56,14 @@ def write_csv(stored: Iterable[bytes], to: IO[bytes]) -> int:
     for row in map(flat, stored):
         if not count:
             lines.writerow(row)
-        lines.writerow(row.values())
+        lines.writerow(map(_cell, row.values()))
         count += 1
     return count
+
+
+def _cell(value: object) -> object:
+    """Return a cell that a spreadsheet takes for text where it is text: an id may begin as a formula does."""
+    return f"'{value}" if isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r")) else value
 
 
 class _Encoder:

@@ -239,7 +239,9 @@ class Journal:
     def _bound_wal(self, db: sqlite3.Connection) -> None:
         """Cut the write-ahead log back when it is as large as the journal may be; raise when a reader forbids it."""
         if self._wal_bytes > self._bytes_limit // 2:
+            db.execute("PRAGMA busy_timeout = 0")  # a reader that holds it open is not waited for at each write
             db.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            db.execute(f"PRAGMA busy_timeout = {int(1e3 * LOCK_S)}")
             if self._wal_bytes > self._bytes_limit // 2:
                 raise HeldOpenError("another process holds the journal open for reading")
 

@@ -14,7 +14,7 @@ _WAL_PAGES: Final = 1_000
 _WAL_SHARE: Final = 8
 """A small journal has a smaller log: its limit divided by this."""
 PAGE_BYTES: Final = 4_096
-LOCK_S: Final = 5.0
+LOCK_S: Final = 2.0
 """How long to wait while another process writes."""
 
 _SCHEMA: Final = """

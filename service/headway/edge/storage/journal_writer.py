@@ -18,7 +18,7 @@ WAITING_MAX: Final = 2_000
 """Most event updates that wait for the disk: about 20 MB."""
 PUBLISH_AFTER_NS: Final = 1_000_000_000
 """An update that has waited this long for its commit is published before it."""
-CHECK_NS: Final = 2_000_000_000
+CHECK_NS: Final = 1_000_000_000
 """How often the file is checked: that it is there, and that it can be read."""
 ON_BUS_AFTER_NS: Final = 2_000_000_000
 """An update handed to the bus is taken to be there after this long; one of a process killed before is sent again."""

@@ -1,12 +1,58 @@
 """/metrics for Prometheus, /livez and /readyz for an orchestrator."""
 
+import socket
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Self
+from typing import Final, Self, TypeAlias
 
+CONNECTIONS_MAX: Final = 256
+"""Connections at once; further ones are closed."""
+CONNECTION_S: Final = 10.0
+"""Longest life of a connection, so that a client that sends or reads slowly holds none for ever."""
+
+_Request: TypeAlias = socket.socket | tuple[bytes, socket.socket]
 Probe = Callable[[], str | None]
 """Returns the problem; None: there is none."""
+
+
+class _Server(ThreadingHTTPServer):
+    """Bounds the number and the life of connections."""
+
+    daemon_threads = True
+    request_queue_size = 128
+
+    def __init__(self, address: tuple[str, int], handler: type[BaseHTTPRequestHandler]) -> None:
+        super().__init__(address, handler)
+        self._free = threading.BoundedSemaphore(CONNECTIONS_MAX)
+
+    def process_request(self, request: _Request, client_address: object) -> None:
+        """Answer in a thread of its own, or close the connection."""
+        if self._free.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: _Request, client_address: object) -> None:
+        """Answer, for so long at most."""
+        over = threading.Timer(CONNECTION_S, _abort, [request])
+        over.daemon = True
+        over.start()
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            over.cancel()
+            self._free.release()
+
+    def handle_error(self, request: _Request, client_address: object) -> None:
+        """Log nothing: the client has left, or its time was over."""
+
+
+def _abort(request: _Request) -> None:
+    assert isinstance(request, socket.socket)
+    with suppress(OSError):  # it was closed meanwhile
+        request.shutdown(socket.SHUT_RDWR)
 
 
 class HttpServer:
@@ -63,8 +109,7 @@ class HttpServer:
             def log_message(self, *_: object) -> None:
                 """Log nothing: probes arrive each second."""
 
-        self._server = ThreadingHTTPServer((host, port), Handler)
-        self._server.daemon_threads = True
+        self._server = _Server((host, port), Handler)
         self._thread = threading.Thread(target=self._server.serve_forever, name="headway-http", daemon=True)
 
     @property
