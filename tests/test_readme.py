@@ -9,6 +9,7 @@ import pytest
 import typer
 
 from headway.cli.app import app
+from headway.cli.run.recorded.refusals import Reading
 from headway.cli.run.replay import Request, frames_of
 
 README = (Path(__file__).parents[1] / "README.md").read_text()
@@ -29,5 +30,7 @@ def test_a_command_of_the_readme_is_one(words: list[str]) -> None:
 def test_the_first_replay_has_one_car_in_twenty_five_faulty() -> None:
     words = next(words for words in COMMANDS if words[1] == "replay")
     options = dict(zip(words[3::2], words[4::2], strict=True))
-    frames, _ = frames_of(Request([words[2]], "local", 1.0, options["--inject"], int(options["--seed"]), 600.0))
+    frames, _ = frames_of(
+        Request(Reading([words[2]]), "local", 1.0, options["--inject"], int(options["--seed"]), 600.0)
+    )
     assert 25 * len({label.vehicle for label in frames.labels}) == int(words[2].partition(":")[2])

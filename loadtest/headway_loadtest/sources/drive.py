@@ -31,7 +31,7 @@ class Drive:
     """One vehicle's readings. Shapes (n,): one entry per sample, `t_s` increasing from the start of its scene.
 
     `x_m` is the distance along the vehicle's own path; position (WGS84) and heading (clockwise from north) are
-    degrees. Vehicles that meet each other share a scene.
+    degrees, NaN for a heading that is not known. Vehicles that meet each other share a scene.
     """
 
     vehicle: str

@@ -80,7 +80,7 @@ class Encoder:
                 frame.lat[part].tolist(),
                 frame.lon[part].tolist(),
                 frame.speed_mps[part].tolist(),
-                frame.heading_deg[part].tolist(),
+                [None if heading != heading else heading for heading in frame.heading_deg[part].tolist()],  # noqa: PLR0124
                 repeat(None),
                 repeat(None),
                 repeat(None),

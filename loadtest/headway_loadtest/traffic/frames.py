@@ -74,7 +74,7 @@ class SceneFrames:
     Scenes are read as they are needed, by a thread that is a few of them ahead, so that reading does not hold up
     sending. A scene enters at a phase of its own within 0.1 s, in whole milliseconds, drawn from the seed. `labels`
     fills as vehicles enter, with what is injected and with the gaps of the recordings. Each iteration starts again.
-    `seconds` cuts the replay short.
+    `seconds` cuts the replay short. With `pause_s` scenes enter one by one, with that pause between them.
     """
 
     def __init__(
@@ -85,6 +85,7 @@ class SceneFrames:
         inject: Spec | None = None,
         concurrent: int = 500,
         seconds: float = np.inf,
+        pause_s: float | None = None,
     ) -> None:
         self.labels: list[Label] = []
         self._scenes = scenes
@@ -92,6 +93,7 @@ class SceneFrames:
         self._inject = inject
         self._concurrent = concurrent
         self._seconds = seconds
+        self._pause_s = pause_s
 
     def __iter__(self) -> Iterator[Frame]:
         self.labels.clear()
@@ -101,7 +103,7 @@ class SceneFrames:
         entered, now_s, exhausted = 0, 0.0, False
         while now_s < self._seconds:
             entering: list[Vehicle] = []
-            while not exhausted and len(playing) < self._concurrent:
+            while not exhausted and self._has_room(playing):
                 scene = next(waiting, None)
                 exhausted = scene is None
                 phase_us = 1000 * int(rng.integers(PHASES_MS))
@@ -116,6 +118,11 @@ class SceneFrames:
             now_s += FRAME_S
             yield _frame(tuple(entering), playing, round(min(now_s, self._seconds) * 1e6))
             playing = [drive for drive in playing if not drive.done]
+            if not playing:
+                now_s += self._pause_s or 0.0
+
+    def _has_room(self, playing: list[_Playing]) -> bool:
+        return len(playing) < self._concurrent if self._pause_s is None else not playing
 
     def _injected(self, scene: Scene, start_us: int) -> Iterator[Drive]:
         for drive in scene:

@@ -30,11 +30,13 @@ def judge(
     Example: headway judge drive.jsonl.gz --set alarm_budget_per_hour=0.5 --verdicts verdicts.csv
     """
     from headway.cli.run import judge as recordings
+    from headway.cli.run.recorded.refusals import Reading
     from headway.settings import load
 
     loaded = load(config, dict(_assignment(text) for text in settings or ()))
-    reading = recordings.Reading(sources, form, columns)
-    recordings.judge(reading, loaded.settings, events=events, verdicts=verdicts, as_json=as_json)
+    recordings.judge(
+        Reading(sources, form, columns), loaded.settings, events=events, verdicts=verdicts, as_json=as_json
+    )
 
 
 def _assignment(text: str) -> tuple[str, str]:

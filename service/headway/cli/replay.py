@@ -4,11 +4,15 @@ from typing import Annotated
 
 import typer
 
-from headway.cli.options import ConfigFile, ConnectOne, Site, ZenohConfig
+from headway.cli.options import Columns, ConfigFile, ConnectOne, Format, Site, ZenohConfig
 
 
 def replay(
-    sources: Annotated[list[str], typer.Argument(help="An SPMD folder, pair CSV files, or synthetic:N.")],
+    sources: Annotated[
+        list[str], typer.Argument(help="Recordings, an SPMD folder, pair CSVs, synthetic:N, or sumo:CONFIG.sumocfg.")
+    ],
+    form: Format = "auto",
+    columns: Columns = None,
     site: Site = None,
     speed: Annotated[float, typer.Option(min=0.01, help="Times real time; above 1 the service needs max_age_s.")] = 1.0,
     inject: Annotated[str | None, typer.Option(help="Faults to inject, such as c=1,share=0.04.")] = None,
@@ -24,6 +28,8 @@ def replay(
     """
     from headway.cli.run import replay as run
     from headway.cli.run.bus import bus_access
+    from headway.cli.run.recorded.refusals import Reading
 
     bus = bus_access(config, connect, zenoh_config)
-    run.replay(run.Request(sources, site or bus.site, speed, inject, seed, seconds), bus)
+    reading = Reading(sources, form, columns)
+    run.replay(run.Request(reading, site or bus.site, speed, inject, seed, seconds), bus)

@@ -1,20 +1,23 @@
 """`headway replay`: what it says before anything is sent, and who is on the road."""
 
 import socket
+from pathlib import Path
 
 import numpy as np
 import pytest
 from fake_service import free_port
+from gateways.recordings.made_files import ABSOLUTE_US, BSM_P1_HEADER, MADE, READINGS, STEPS, bsm_p1_row
 from typer.testing import CliRunner
 
 from headway.cli.app import app
+from headway.cli.run.recorded.refusals import Reading
 from headway.cli.run.replay import Request, frames_of
 from headway.errors import UserError
 from headway_loadtest.sources import SourceError
 
 
 def request(*sources: str, inject: str | None = None, seconds: float = 1.0) -> Request:
-    return Request(sources, "local", 1.0, inject, 3, seconds)
+    return Request(Reading(sources), "local", 1.0, inject, 3, seconds)
 
 
 @pytest.mark.parametrize("count", [3, 700])
@@ -71,3 +74,39 @@ def test_no_place_in_the_sources_of_zenoh_is_shown(endpoint: str) -> None:
 def test_two_endpoints_are_refused() -> None:
     _, problem = refusal("--connect", "tcp/127.0.0.1:1", "--connect", "tcp/127.0.0.1:2")
     assert "connects to one endpoint" in problem
+
+
+def test_every_format_is_replayed_as_it_is(tmp_path: Path) -> None:
+    for name, made in MADE.items():
+        path = tmp_path / name
+        made.write(path)
+        frames, length_s = frames_of(request(str(path), seconds=60.0))
+        played = list(frames)
+        assert length_s == pytest.approx((STEPS - 1) / 10, abs=0.2), name
+        assert {vehicle.id for frame in played for vehicle in frame.entering} == set(made.ids), name
+        lat = np.sort(np.concatenate([frame.lat for frame in played]))
+        assert lat == pytest.approx(np.sort([one.lat for one in READINGS]), abs=1e-7), name
+
+
+def test_drives_of_other_days_are_replayed_one_after_the_other(tmp_path: Path) -> None:
+    path = tmp_path / "BsmP1.csv"
+    rows = [bsm_p1_row(one, us=ABSOLUTE_US + day * 86_400_000_000) for day in (1, 0) for one in READINGS]
+    path.write_text("\n".join([BSM_P1_HEADER, *rows]))
+    times_us = np.concatenate([frame.t_us for frame in frames_of(request(str(path), seconds=600.0))[0]])
+    assert len(times_us) == len(rows)
+    assert np.diff(times_us).max() >= 35e6
+
+
+def test_a_table_of_ones_own_is_replayed_by_its_mapping(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("who,when,y,x,v\n" + "".join(f"a,{one.t_s},{one.lat},{one.lon},20\n" for one in READINGS[::2]))
+    reading = Reading([str(path)], columns="id=who,t=when,lat=y,lon=x,speed=v[mph]")
+    frames, _ = frames_of(Request(reading, "local", 1.0, None, 3, 60.0))
+    assert np.concatenate([frame.speed_mps for frame in frames]) == pytest.approx(8.9408)
+
+
+def test_a_recording_and_another_source_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "fcd.xml"
+    MADE["fcd-geo.xml"].write(path)
+    with pytest.raises(SourceError, match="recordings are replayed by themselves"):
+        frames_of(request(str(path), "synthetic:3"))

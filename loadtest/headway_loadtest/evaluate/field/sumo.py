@@ -4,11 +4,8 @@ Source names are `sumo`, `sumo:SCENARIO` and `sumo:SCENARIO-DRIVER`; each gives 
 `RECEIVERS`.
 """
 
-import os
-import subprocess
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import MappingProxyType
@@ -21,6 +18,7 @@ from headway_loadtest.evaluate.field.faults import rng_of
 from headway_loadtest.evaluate.field.gnss import GnssError, add_gnss_error, shift
 from headway_loadtest.evaluate.field.recordings import DELAY_US, T0_US, Recording, assemble, empty
 from headway_loadtest.sources.drive import SourceError
+from headway_loadtest.sources.sumo import run_program
 
 PREFIX = "sumo"
 ORIGIN_LAT, ORIGIN_LON = 48.0, 11.0
@@ -74,7 +72,7 @@ def simulate(scenario: str, driver: str, minutes: float, seed: int) -> Recording
         SCENARIOS[scenario].build(folder, seed)
         end_s = WARM_UP_S + 60.0 * minutes
         _write_trips(folder, driver, SCENARIOS[scenario].period_s, end_s, seed)
-        _run(
+        run_program(
             folder,
             "sumo",
             *("--net-file", "net.xml", "--route-files", "trips.xml", "--seed", f"{seed}"),
@@ -158,7 +156,7 @@ def _fringe(net: Path) -> tuple[list[tuple[str, str]], list[tuple[str, str]]]:
 
 def _build_urban(folder: Path, seed: int) -> None:
     """Make a grid of three by three junctions with lights, 200 m apart, two lanes each way."""
-    _run(
+    run_program(
         folder,
         "netgenerate",
         *("--grid", "--grid.number", "3", "--grid.length", "200", "--grid.attach-length", "200"),
@@ -190,25 +188,9 @@ def _build_highway(folder: Path, _seed: int) -> None:
         ET.SubElement(edges, "edge", road)
     ET.ElementTree(nodes).write(folder / "nodes.xml")
     ET.ElementTree(edges).write(folder / "edges.xml")
-    _run(folder, "netconvert", "--node-files", "nodes.xml", "--edge-files", "edges.xml", "--output-file", "net.xml")
-
-
-def _run(folder: Path, program: str, *options: str) -> None:
-    """Run one of SUMO's programs in a folder; a failure is a SourceError with its first line."""
-    spec = find_spec("sumo")
-    if spec is None or not spec.submodule_search_locations:
-        raise SourceError("simulated traffic needs SUMO; install headway[sumo]")
-    home = Path(spec.submodule_search_locations[0])
-    done = subprocess.run(  # noqa: S603 - a program of the package, options of ours
-        [home / "bin" / program, *options, "--no-warnings", "true"],
-        cwd=folder,
-        env={**os.environ, "SUMO_HOME": str(home)},
-        capture_output=True,
-        text=True,
-        check=False,
+    run_program(
+        folder, "netconvert", "--node-files", "nodes.xml", "--edge-files", "edges.xml", "--output-file", "net.xml"
     )
-    if done.returncode:
-        raise SourceError(f"{program}: {done.stderr.strip().partition(chr(10))[0]}")
 
 
 SCENARIOS: Mapping[str, Scenario] = MappingProxyType(

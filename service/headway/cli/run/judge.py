@@ -4,7 +4,7 @@ import json
 from collections import OrderedDict
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import IO, Final
 
@@ -13,8 +13,9 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 
-from headway.cli.run.judge_report import Summary, show, show_refusals
 from headway.cli.run.output_file import replaced
+from headway.cli.run.recorded.refusals import Reading
+from headway.cli.run.recorded.report import Summary, show
 from headway.cli.run.verdict_files import VerdictWriter, verdict_writer
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
@@ -28,15 +29,6 @@ from headway_schemas.event import Event
 
 DRIVES_AT_ONCE: Final = 16
 """Drives whose records may alternate in a recording; each has a detector of its own."""
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """What is read, and how."""
-
-    sources: Sequence[str]
-    form: str
-    columns: str | None = None
 
 
 def judge(
@@ -64,7 +56,7 @@ def judge(
             _judge(judging, recordings, writer, bar)
     except RecordingError as error:
         raise UserError(str(error)) from None
-    show_refusals(judging.summary)
+    judging.summary.refusals.show()
     if as_json:
         typer.echo(json.dumps(judging.summary.to_json()))
     else:

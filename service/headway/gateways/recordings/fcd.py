@@ -17,7 +17,6 @@ _STEPS_TO_DECIDE: Final = 200
 _METRES_FROM: Final = 1e-2
 """Share of the driven distance by which coordinates change at least where they are metres: a degree is 1e5 of them."""
 _VEHICLES_MAX: Final = 100_000
-_GEO_OPTION: Final = b'<fcd-output.geo value="true"'
 _ACCEL_MAX_MPS2: Final = 20.0
 
 
@@ -47,7 +46,7 @@ def read(source: Source) -> Iterator[Row]:
 def _rows(source: Source) -> Iterator[Row]:
     seen = _seen(source)
     waiting: list[_Seen | Row] = []
-    is_geo = True if _GEO_OPTION in source.head else None
+    is_geo: bool | None = None  # the options in the head say it also where the network has no projection
     last: dict[str, _Seen] = {}
     while is_geo is None and (one := next(seen, None)) is not None:
         waiting.append(one)

@@ -144,6 +144,20 @@ def _reader(source: Source, form: str) -> Reader:
     return reader
 
 
+def recognised(name: str) -> str | None:
+    """Return the format that the first bytes of a file tell; None where they tell none.
+
+    Raises
+    ------
+    RecordingError
+        The file cannot be read.
+    """
+    with opened(name) as source:
+        if _is_bsm(source.head):
+            return BSM
+        return next((word for word, candidate in FORMATS.items() if candidate.recognise(source.head)), None)
+
+
 def _is_bsm(head: bytes) -> bool:
     """Whether the first bytes are of BSM v1, whatever other names are among them."""
     line = head.partition(b"\n")[0]

@@ -7,6 +7,7 @@ import pytest
 
 from headway_loadtest.evaluate.field import sumo
 from headway_loadtest.evaluate.field.recordings import local_m
+from headway_loadtest.sources import sumo as programs
 from headway_loadtest.sources.drive import SourceError
 
 needs_sumo = pytest.mark.skipif(find_spec("sumo") is None, reason="eclipse-sumo is not installed: headway[sumo]")
@@ -49,6 +50,6 @@ def test_names_give_scenarios_and_drivers():
 
 
 def test_without_sumo_the_message_says_what_to_install(monkeypatch):
-    monkeypatch.setattr(sumo, "find_spec", lambda _name: None)
+    monkeypatch.setattr(programs, "find_spec", lambda _name: None)
     with pytest.raises(SourceError, match=r"install headway\[sumo\]"):
         list(sumo.recordings("sumo:urban-idm", 1.0, 0))

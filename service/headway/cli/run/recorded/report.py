@@ -1,16 +1,15 @@
 """What `headway judge` counts: outcomes, events, refused rows, and scores against ground truth."""
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
-import typer
 from rich.console import Console
 from rich.table import Table
 
+from headway.cli.run.recorded.refusals import Refusals
 from headway.core.types.outcome import Outcome
 from headway.gateways.recordings.formats import Located
-from headway.gateways.recordings.reader import Source
 from headway.result import Result
 from headway_schemas.event import Phase
 
@@ -31,7 +30,7 @@ class Summary:
         self._open: dict[tuple[str, str], str] = {}
         self._last_us: dict[tuple[str, bytes], int] = {}
         self._observed_us = 0
-        self._refused: dict[tuple[int, str, str], tuple[Source, int, int]] = {}
+        self.refusals = Refusals()
         self.truth = TruthScore()
 
     def add(self, drive: str, result: Result) -> None:
@@ -52,9 +51,7 @@ class Summary:
         """Note a row that is no record, or a record that is wrong by itself; count it where no result has it."""
         if count:
             self._outcomes[outcome] += 1
-        key = (id(located.source), outcome, problem)
-        source, number, times = self._refused.get(key, (located.source, located.number, 0))
-        self._refused[key] = (source, number, times + 1)
+        self.refusals.add(located, outcome, problem)
 
     def add_problems(self, chunk: Sequence[Located], result: Result) -> None:
         """Note the records of a foreign recording that are wrong by themselves."""
@@ -62,12 +59,6 @@ class Summary:
             outcome = str(result.verdicts["outcome"][place])
             if outcome in _FORM:
                 self.add_refused(chunk[place], outcome, problem, count=False)
-
-    def refusals(self) -> Iterator[str]:
-        """Yield a line for each kind of thing that was refused."""
-        for (_, outcome, problem), (source, number, times) in self._refused.items():
-            rows = f"{times:,} rows refused, first in line {number}" if times > 1 else f"line {number} refused"
-            yield f"headway: {source.name}: {rows}: {outcome}: {problem}"
 
     def to_json(self) -> dict[str, Any]:
         """Return the counts; an event has the kind of its last update, and observed time no gap beyond max_gap_s."""
@@ -152,9 +143,3 @@ def show(summary: dict[str, Any]) -> None:
 
 def _share(value: float | None) -> str:
     return "-" if value is None else f"{value:.1%}"
-
-
-def show_refusals(summary: Summary) -> None:
-    """Print on standard error a line for each kind of thing that was refused."""
-    for line in summary.refusals():
-        typer.echo(line, err=True)

@@ -1,0 +1,1 @@
+"""Recordings for the commands: what is read, refused and reported."""

@@ -1,0 +1,90 @@
+"""Recordings and SUMO scenarios as what the load generator replays."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import Any, Final
+
+from rich.console import Console
+
+from headway.cli.run.recorded.refusals import Reading, Refusals
+from headway.feeds.refusal import UNAVAILABLE
+from headway.gateways.recordings.formats import AUTO, open_recordings, recognised
+from headway.gateways.recordings.reader import RecordingError
+from headway_loadtest.sources import SourceError, sumo
+from headway_schemas.bsm import NEEDED
+
+_OF_LOAD_GENERATOR: Final = "datawsu"
+"""Its reader adds the vehicle ahead, which is in another file."""
+
+
+def is_recorded(reading: Reading) -> bool:
+    """Whether the sources are recordings that the gateways read, rather than drives of the load generator.
+
+    Raises
+    ------
+    SourceError
+        Some are and some are not.
+    """
+    if reading.form != AUTO or reading.columns is not None:
+        return True
+    recorded = [_is_recording(word) for word in reading.sources]
+    if any(recorded) and not all(recorded):
+        raise SourceError("recordings are replayed by themselves: leave the other sources out")
+    return all(recorded)
+
+
+def _is_recording(word: str) -> bool:
+    if not Path(word).is_file():
+        return False
+    try:
+        return recognised(word) not in (None, _OF_LOAD_GENERATOR)
+    except RecordingError as error:
+        raise SourceError(str(error)) from None
+
+
+@dataclass(slots=True)
+class RecordedRows:
+    """Records of recordings with the name of their drive; what is refused is printed the first time."""
+
+    reading: Reading
+    told: bool = False
+
+    def __call__(self) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yield the records from the beginning."""
+        refusals = Refusals()
+        try:
+            with open_recordings(self.reading.sources, self.reading.form, self.reading.columns) as recordings:
+                for located in chain.from_iterable(recordings.chunks):
+                    if located.refusal is not None:
+                        refusals.add(located, *located.refusal)
+                    elif all(located.record.get(name) is not None for name in NEEDED):
+                        yield located.drive, located.record
+                    elif located.record:
+                        refusals.add(located, UNAVAILABLE, "a reading without a value")
+        except RecordingError as error:
+            raise SourceError(str(error)) from None
+        if not self.told:
+            self.told = True
+            refusals.show()
+
+
+def simulated(reading: Reading, seconds: float, seed: int, folder: Path, console: Console) -> Reading:
+    """Run the scenario of `sumo:CONFIG.sumocfg`, if that is what is replayed, and return its floating car data.
+
+    Raises
+    ------
+    SourceError
+        It is not the only source, or SUMO refuses it.
+    """
+    sources = reading.sources
+    configs = [word.removeprefix(sumo.PREFIX) for word in sources if word.startswith(sumo.PREFIX)]
+    if not configs:
+        return reading
+    if len(sources) > 1:
+        raise SourceError("a SUMO scenario is replayed by itself: leave the other sources out")
+    console.print(f"Simulating {configs[0]} ...", highlight=False)
+    fcd = folder / f"{Path(configs[0]).stem}.xml"
+    sumo.simulate(Path(configs[0]), seconds, seed, fcd)
+    return Reading([str(fcd)], "fcd")
