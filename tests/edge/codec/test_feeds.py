@@ -9,7 +9,7 @@ from feeds.made_messages import bsm_core, cam
 
 from headway.core.types.outcome import Outcome
 from headway.edge.codec.decoder import Codec
-from headway_schemas.encodings import BSM_MSGPACK, CAM_JSON, CAM_UPER, J2735_ODE, J2735_RAW, J2735_UPER
+from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, CAM_JSON, CAM_UPER, J2735_ODE, J2735_RAW, J2735_UPER
 from headway_schemas.frames import Frame, pack
 
 RNG = random.Random(11)
@@ -63,6 +63,19 @@ def test_batches_of_several_encodings_keep_their_order() -> None:
         Outcome.MALFORMED, Outcome.IDENTITY_MISMATCH, Outcome.NOT_A_PUT,
     }  # fmt: skip
     assert Codec(KEYS).records_in(messages) >= len(messages) - 1
+
+
+def test_a_message_of_a_slow_form_leaves_the_others_to_the_fast_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    codec = Codec(KEYS)
+    fast = [received(record(name), name, BSM_MSGPACK) for name in "abc"]
+    codec.decode(fast)
+    examined: list[int] = []
+    decode_any = codec._decode_any
+    monkeypatch.setattr(codec, "_decode_any", lambda some: examined.append(len(some)) or decode_any(some))
+    decoded = codec.decode([fast[0], received(b"{}", "d", BSM_JSON), fast[1], fast[2]])
+    assert decoded.sources.tolist() == [0, 2, 3]
+    assert ids_of(decoded.batch.ids) == ["a", "b", "c"]
+    assert examined == [1]
 
 
 @pytest.mark.parametrize("encoding", [J2735_ODE, J2735_RAW, CAM_JSON])

@@ -145,18 +145,29 @@ class Codec:
         return msgpack_columns.read(b"".join(payloads), sizes, b"".join(cast(list[bytes], owners)), self._bundle_max)
 
     def _decode_by_form(self, messages: Sequence[ReceivedMessage]) -> Decoded:
-        """Decode the messages of each binary feed at once, and the rest, and put all in order."""
+        """Decode the messages of each form at once and put all in order: a slow form costs the others nothing."""
+        if not messages:
+            return self._decode_any(messages)
         forms: dict[str | None, list[int]] = {}
         for i, message in enumerate(messages):
-            forms.setdefault(message.encoding if message.encoding in UPER_READERS else None, []).append(i)
-        if forms.keys() <= {None}:
-            return self._decode_any(messages)
+            forms.setdefault(self._form_of(message), []).append(i)
         parts = []
-        for encoding, places in forms.items():
+        for form, places in forms.items():
             of_form = messages if len(forms) == 1 else [messages[i] for i in places]
-            decoded = self._decode_any(of_form) if encoding is None else self._decode_uper(of_form, encoding)
+            decoded = None
+            if form in UPER_READERS:
+                decoded = self._decode_uper(of_form, form)
+            elif form == BSM_MSGPACK and len(forms) > 1:
+                decoded = self._decode_compact(of_form)
+            decoded = decoded or self._decode_any(of_form)
             parts.append(replace(decoded, sources=np.array(places, np.int64)[decoded.sources]))
         return parts[0] if len(parts) == 1 else joined(parts)
+
+    def _form_of(self, message: ReceivedMessage) -> str | None:
+        """Return the encoding of a message of a binary feed, and of one that may be compact; None for any other."""
+        may_be_compact = message.encoding == BSM_MSGPACK and message.is_put and message.key in self._owners
+        may_be_compact &= len(message.payload) <= self._payload_max_bytes
+        return message.encoding if may_be_compact or message.encoding in UPER_READERS else None
 
     def _decode_uper(self, messages: Sequence[ReceivedMessage], encoding: str) -> Decoded:
         frames, rejections = UperFrames(), list[Rejection]()
