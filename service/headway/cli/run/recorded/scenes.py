@@ -49,7 +49,7 @@ class RecordedRows:
     """Records of recordings with the name of their drive; what is refused is printed the first time."""
 
     reading: Reading
-    told: bool = False
+    shown: bool = False
 
     def __call__(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the records from the beginning."""
@@ -65,8 +65,8 @@ class RecordedRows:
                         refusals.add(located, UNAVAILABLE, "a reading without a value")
         except RecordingError as error:
             raise SourceError(str(error)) from None
-        if not self.told:
-            self.told = True
+        if not self.shown:
+            self.shown = True
             refusals.show()
 
 
