@@ -79,7 +79,7 @@ def pairs(
 @app.command()
 def field(
     sources: Annotated[
-        list[str], typer.Argument(help="Recordings (CSV, BSM JSON lines), folders of them, or sumo[:SCENARIO-DRIVER].")
+        list[str], typer.Argument(help="Recordings of any format, folders of them, or sumo[:SCENARIO-DRIVER].")
     ],
     severity: Annotated[str, typer.Option(help="Variances of the injected faults, apart by commas.")] = "1,0.5,0.1",
     degrade: Annotated[bool, typer.Option("--degrade", help="Ordinary defects of receivers and channels too.")] = False,
@@ -97,6 +97,7 @@ def field(
 
     Example: headway evaluate field recordings/ --out report
     """
+    from headway.cli.run.recorded.scenes import FieldReader
     from headway_loadtest.evaluate.field.attacks import ATTACKS
     from headway_loadtest.evaluate.field.command import evaluate_field
     from headway_loadtest.evaluate.field.experiment import FieldProtocol
@@ -109,7 +110,9 @@ def field(
         degrade=degrade,
         attacks=tuple(ATTACKS) if attacks else tuple(attack or ()),
     )
-    code = evaluate_field(sources, protocol, minutes=minutes, as_json=as_json, out=out, processes=jobs)
+    code = evaluate_field(
+        sources, protocol, minutes=minutes, as_json=as_json, out=out, processes=jobs, reader=FieldReader()
+    )
     raise typer.Exit(code)
 
 

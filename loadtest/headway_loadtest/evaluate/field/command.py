@@ -1,7 +1,7 @@
 """`headway evaluate field` without its command line: options in, tables out, an exit code back."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from math import isfinite
 from os import cpu_count
 from pathlib import Path
@@ -13,7 +13,7 @@ from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColum
 from headway_loadtest.evaluate.field import sumo
 from headway_loadtest.evaluate.field.attacks import ATTACKS
 from headway_loadtest.evaluate.field.experiment import FieldProtocol, run_field
-from headway_loadtest.evaluate.field.recordings import Recording, load
+from headway_loadtest.evaluate.field.recordings import Reader, Recording, load, load_recorded
 from headway_loadtest.evaluate.field.report import markdown, print_report
 from headway_loadtest.evaluate.options import OptionError
 from headway_loadtest.sources.drive import SourceError
@@ -31,15 +31,16 @@ def evaluate_field(
     as_json: bool = False,
     out: Path | None = None,
     processes: int | None = None,
+    reader: Reader | None = None,
 ) -> int:
     """Run the protocol and print it; return the exit code: 0, or 2 for input that cannot be used.
 
-    `minutes` is how long simulated traffic lasts.
+    `minutes` is how long simulated traffic lasts. `reader` reads recordings of other systems.
     """
     stderr = Console(stderr=True, soft_wrap=True, highlight=False)
     try:
         check(protocol, out)
-        recordings = _recordings(sources, protocol, minutes, stderr)
+        recordings = _recordings(sources, protocol, minutes, reader, stderr)
         result = _run(recordings, protocol, processes or cpu_count() or 1, stderr)
     except (SourceError, OptionError) as error:
         stderr.print(f"headway evaluate field: {error}", markup=False)
@@ -72,15 +73,28 @@ def check(protocol: FieldProtocol, out: Path | None) -> None:
         raise OptionError(f"--out must be a folder, and {out} is a file")
 
 
-def _recordings(sources: Sequence[str], protocol: FieldProtocol, minutes: float, stderr: Console) -> list[Recording]:
+def _recordings(
+    sources: Sequence[str], protocol: FieldProtocol, minutes: float, reader: Reader | None, stderr: Console
+) -> list[Recording]:
     made: list[Recording] = []
     for source in sources:
         with stderr.status(source):
             if source.partition(":")[0] == sumo.PREFIX and not Path(source).exists():
                 made += sumo.recordings(source, minutes, protocol.seed)
             else:
-                made += load(Path(source), protocol.runs, protocol.seed)
+                made += _at(Path(source), protocol, reader)
     return made
+
+
+def _at(path: Path, protocol: FieldProtocol, reader: Reader | None) -> Iterator[Recording]:
+    """Yield the recordings at or below a path, those of other systems last."""
+    files = sorted(path.rglob("*")) if path.is_dir() else [path]
+    others = [file for file in files if reader is not None and file.is_file() and reader.recognises(file)]
+    if not others or path.is_dir():
+        yield from load(path, protocol.runs, protocol.seed, without=others)
+    for file in others:
+        assert reader is not None
+        yield from load_recorded(file, reader)
 
 
 def _run(recordings: Sequence[Recording], protocol: FieldProtocol, processes: int, stderr: Console) -> dict[str, Any]:

@@ -1,14 +1,14 @@
-"""Recordings as columns: GNSS tables, pair files and BSM v1 JSON lines, one value for each drive.
+"""Recordings as columns: GNSS tables, pair files, BSM v1 JSON lines and those of other systems, one value for each drive.
 
 Records of one `Recording` meet each other on the road; those of two never do.
 """
 
 import gzip
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import polars as pl
@@ -47,6 +47,20 @@ GNSS_COLUMNS = ("t_s", "id", "lat", "lon", "speed_mps")
 MEASURED = ("lat", "lon", "speed_mps")
 OPTIONAL = ("heading_deg", "accel_mps2", "accuracy_m", "length_m")
 JSON_ENDINGS = (".jsonl", ".jsonl.gz", ".ndjson")
+
+
+Row = tuple[str, Mapping[str, Any]]
+"""The name of a drive, and a record of BSM v1."""
+
+
+class Reader(Protocol):
+    """Reads recordings of other systems."""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the file is one."""
+
+    def rows(self, path: Path) -> Iterable[Row]:
+        """Yield its records; raises `SourceError`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -118,15 +132,18 @@ def move(track: Records, ahead_m: F64 | float, right_m: F64 | float = 0.0) -> No
     )
 
 
-def load(path: Path, runs: int, seed: int) -> Iterator[Recording]:
+def load(path: Path, runs: int, seed: int, without: Sequence[Path] = ()) -> Iterator[Recording]:
     """Yield the recordings at or below `path`; a pair file gives one for each run, with noise of its own.
 
     Raises
     ------
     SourceError
-        A file cannot be read, or there is none.
+        A file cannot be read, or there is none beside those of `without`.
     """
     files = sorted(file for file in path.rglob("*") if _is_recording(file)) if path.is_dir() else [path]
+    files = [file for file in files if file not in without]
+    if not files and without:
+        return
     if not files or not files[0].is_file():
         raise SourceError(f"{path}: no recording (.csv, .jsonl) there")
     for file in files:
@@ -260,3 +277,34 @@ def counted(messages: Records) -> I64:
         at = np.flatnonzero(messages["vehicle"] == vehicle)
         counts[at] = np.arange(at.size) % 128
     return counts
+
+
+def load_recorded(path: Path, reader: Reader) -> Iterator[Recording]:
+    """Yield a recording for each drive of a file.
+
+    Raises
+    ------
+    SourceError
+        The file cannot be read.
+    """
+    drives: dict[str, tuple[dict[str, int], list[tuple[Any, ...]]]] = {}
+    for drive, record in reader.rows(path):
+        index, rows = drives.setdefault(drive, ({}, []))
+        t_us = record["t_us"]
+        rows.append(
+            (
+                index.setdefault(record["id"], len(index)),
+                record["msg_cnt"],
+                t_us,
+                record.get("received_us") or t_us + DELAY_US,
+                *(record[name] for name in ("lat", "lon", "speed_mps")),
+                *(np.nan if record.get(name) is None else record[name] for name in OPTIONAL),
+            )
+        )
+    if not drives:
+        raise SourceError(f"{path}: no records in it")
+    for number, (index, rows) in enumerate(drives.values()):
+        name = path.stem if len(drives) == 1 else f"{path.stem}-{number}"
+        messages = np.array(rows, MESSAGE)
+        bare = Recording(group=path.resolve().parent.name, name=name, vehicles=tuple(index), messages=messages)
+        yield assemble(bare, [messages])

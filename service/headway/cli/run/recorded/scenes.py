@@ -10,7 +10,7 @@ from rich.console import Console
 
 from headway.cli.run.recorded.refusals import Reading, Refusals
 from headway.feeds.refusal import UNAVAILABLE
-from headway.gateways.recordings.formats import AUTO, open_recordings, recognised
+from headway.gateways.recordings.formats import AUTO, BSM, open_recordings, recognised
 from headway.gateways.recordings.reader import RecordingError
 from headway_loadtest.sources import SourceError, sumo
 from headway_schemas.bsm import NEEDED
@@ -68,6 +68,21 @@ class RecordedRows:
         if not self.shown:
             self.shown = True
             refusals.show()
+
+
+class FieldReader:
+    """Recordings of other systems, for `headway evaluate field`; its own formats it reads itself."""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the first bytes tell such a recording; a file that cannot be opened is none."""
+        try:
+            return recognised(str(path)) not in (None, BSM, "gnss")
+        except RecordingError:
+            return False
+
+    def rows(self, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
+        """Yield the records; raises `SourceError`."""
+        return RecordedRows(Reading([str(path)]))()
 
 
 def simulated(reading: Reading, seconds: float, seed: int, folder: Path, console: Console) -> Reading:
