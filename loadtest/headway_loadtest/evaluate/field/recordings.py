@@ -1,4 +1,4 @@
-"""Recordings as columns: GNSS tables, pair files, BSM v1 JSON lines and those of other systems, one value for each drive.
+"""Recordings as columns, one value for each drive: GNSS tables, pair files, BSM v1 JSON lines, and any other format.
 
 Records of one `Recording` meet each other on the road; those of two never do.
 """
