@@ -5,7 +5,7 @@ from typing import Annotated, Final
 
 import typer
 
-from headway.cli import alerts, config, evaluate
+from headway.cli import alerts, config, evaluate, gateway
 from headway.cli.demo import demo
 from headway.cli.explain import explain
 from headway.cli.judge import judge
@@ -23,7 +23,9 @@ app = typer.Typer(
 )
 
 EXTRAS: Final = {
+    "confluent_kafka": "kafka",
     "matplotlib": "plots",
+    "paho": "mqtt",
     "polars": "recordings",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
@@ -71,3 +73,4 @@ for command in (serve, judge, demo, replay, loadtest, watch, dashboard, explain)
 app.add_typer(config.app, name="config")
 app.add_typer(alerts.app, name="alerts")
 app.add_typer(evaluate.app, name="evaluate")
+app.add_typer(gateway.app, name="gateway")

@@ -1,1 +1,1 @@
-"""Other feeds and the wire contract: what a sender or a file holds becomes BSM v1."""
+"""Other feeds and the bus: processes that put what they receive; recordings as records."""

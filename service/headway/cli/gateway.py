@@ -1,0 +1,37 @@
+"""`headway gateway`: other feeds onto the bus, and alerts to their brokers."""
+
+from typing import Annotated
+
+import typer
+
+from headway.cli.options import ConfigFile, ConnectOne, Site
+
+app = typer.Typer(no_args_is_help=True, help="Other feeds onto the bus: UDP, Kafka, MQTT; and alerts to brokers.")
+
+Name = Annotated[str, typer.Option(help="Name on the bus, behind gw-.")]
+Form = Annotated[str, typer.Option(help="What comes: j2735-uper, j2735-json, ode, cam-uper or cam-json.")]
+HttpPort = Annotated[int, typer.Option(min=0, max=65_535, help="Port of /metrics and /readyz; 0 takes a free one.")]
+
+
+@app.command()
+def udp(
+    host: Annotated[str, typer.Option(help="Address to receive on.")] = "0.0.0.0",  # noqa: S104
+    port: Annotated[
+        list[int] | None, typer.Option(help="Port; may be repeated. By default 1516, 46800 and 44990.")
+    ] = None,
+    form: Form = "j2735-uper",
+    name: Name = "udp",
+    site: Site = None,
+    connect: ConnectOne = None,
+    config: ConfigFile = None,
+    http_port: HttpPort = 9465,
+) -> None:
+    """Forward packets of roadside units: UPER, bare or behind headers, or as immediate forward text.
+
+    Example: headway gateway udp --port 1516 --name rsu-1 --site crossing
+    """
+    from headway.cli.run import gateway as run
+    from headway.gateways.udp import PORTS, UdpReceiver
+
+    options = run.GatewayOptions(name, form, "127.0.0.1", http_port)
+    run.forward(lambda queue: UdpReceiver(queue, host, port or PORTS), options, run.access(config, connect, site))
