@@ -35,3 +35,63 @@ def udp(
 
     options = run.GatewayOptions(name, form, "127.0.0.1", http_port)
     run.forward(lambda queue: UdpReceiver(queue, host, port or PORTS), options, run.access(config, connect, site))
+
+
+@app.command()
+def mqtt(
+    broker: Annotated[str, typer.Option(help="Host of the broker, or host:port.")] = "localhost",
+    topic: Annotated[
+        list[str] | None, typer.Option(help="Topic, + and # allowed; may be repeated. With --alerts, where they go.")
+    ] = None,
+    alerts: Annotated[bool, typer.Option("--alerts", help="The other way: alerts of the site to the broker.")] = False,
+    form: Form = "cam-json",
+    name: Name = "mqtt",
+    site: Site = None,
+    connect: ConnectOne = None,
+    config: ConfigFile = None,
+    http_port: HttpPort = 9466,
+) -> None:
+    """Forward messages of an MQTT broker to the bus, or alerts from the bus to the broker.
+
+    Example: headway gateway mqtt --broker broker.example --topic "vanetza/out/cam" --site crossing
+    """
+    from headway.cli.run import gateway as run
+    from headway.gateways.mqtt import MqttClient
+
+    options, bus = run.GatewayOptions(name, form, "127.0.0.1", http_port), run.access(config, connect, site)
+    if alerts:
+        below = topic[0] if topic else "headway"
+        run.forward_alerts(lambda queue: MqttClient(queue, broker, f"headway-{name}", topic=below), options, bus)
+    else:
+        topics = topic or ["vanetza/out/cam"]
+        run.forward(lambda queue: MqttClient(queue, broker, f"headway-{name}", topics), options, bus)
+
+
+@app.command()
+def kafka(
+    broker: Annotated[str, typer.Option(help="host:port, several joined by commas.")] = "localhost:9092",
+    topic: Annotated[
+        list[str] | None, typer.Option(help="Topic; may be repeated. With --alerts, where they go.")
+    ] = None,
+    alerts: Annotated[bool, typer.Option("--alerts", help="The other way: alerts of the site to the broker.")] = False,
+    form: Form = "ode",
+    name: Name = "kafka",
+    site: Site = None,
+    connect: ConnectOne = None,
+    config: ConfigFile = None,
+    http_port: HttpPort = 9467,
+) -> None:
+    """Forward messages of Kafka topics to the bus, or alerts from the bus to a topic.
+
+    Example: headway gateway kafka --broker ode.example:9092 --topic topic.OdeBsmJson --site crossing
+    """
+    from headway.cli.run import gateway as run
+    from headway.gateways.kafka import TOPICS, KafkaAlerts, KafkaConsumer
+
+    options, bus = run.GatewayOptions(name, form, "127.0.0.1", http_port), run.access(config, connect, site)
+    if alerts:
+        into = topic[0] if topic else "headway.alerts"
+        run.forward_alerts(lambda _: KafkaAlerts(broker, into), options, bus)
+    else:
+        topics = topic or list(TOPICS)
+        run.forward(lambda queue: KafkaConsumer(queue, broker, f"headway-{name}", topics), options, bus)

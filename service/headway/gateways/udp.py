@@ -38,6 +38,8 @@ class UdpReceiver:
         A port is not available.
     """
 
+    disconnections = 0
+
     def __init__(self, queue: FrameQueue, host: str, ports: Sequence[int]) -> None:
         self._queue = queue
         self._selector = selectors.DefaultSelector()

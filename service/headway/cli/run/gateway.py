@@ -40,6 +40,10 @@ class Feed(Protocol):
         """Messages that are known to be lost before they reached the gateway."""
 
     @property
+    def disconnections(self) -> int:
+        """How often the connection to a broker was lost."""
+
+    @property
     def problem(self) -> str | None:
         """Why nothing can come; None: it can."""
 
@@ -207,4 +211,6 @@ class _Metrics(Collector):
             dropped.add_metric([reason], count)
         yield dropped
         yield CounterMetricFamily("headway_gateway_lost", "Messages lost before the gateway.", value=self.feed.lost)
+        breaks = self.feed.disconnections
+        yield CounterMetricFamily("headway_gateway_disconnections", "Losses of the broker's connection.", value=breaks)
         yield GaugeMetricFamily("headway_gateway_waiting", "Messages that wait.", value=len(self.queue))
