@@ -15,6 +15,7 @@ from feeds.asn1_modules import encode_bsm, encode_cam, frame_of
 from feeds.made_messages import bsm_core, cam
 from feeds.test_cam_json import ITS_CLIENT, VANETZA
 from feeds.test_j2735_json import ode, raw
+from feeds.test_uper import WRAPPED
 from fuzz.drives import drive, drive_seeds
 
 from headway.core.estimation.registry import MODELS
@@ -98,7 +99,7 @@ def bsm_uper_seeds() -> list[bytes]:
     """Return J2735 in unaligned PER, alone and in bundles of a gateway."""
     rng = random.Random(1)
     frames = [encode_bsm(bsm_core(rng)) for _ in range(8)]
-    return [*frames, *_bundles([*frames, frame_of(bytes(90), 31)])]
+    return [*frames, *WRAPPED.values(), *_bundles([*frames, *WRAPPED.values(), frame_of(bytes(90), 31)])]
 
 
 def cam_uper_seeds() -> list[bytes]:
