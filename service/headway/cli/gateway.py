@@ -30,7 +30,7 @@ def udp(
 
     Example: headway gateway udp --port 1516 --name rsu-1 --site crossing
     """
-    from headway.cli.run import gateway as run
+    from headway.cli.run.gateway import process as run
     from headway.gateways.udp import PORTS, UdpReceiver
 
     options = run.GatewayOptions(name, form, "127.0.0.1", http_port)
@@ -55,7 +55,7 @@ def mqtt(
 
     Example: headway gateway mqtt --broker broker.example --topic "vanetza/out/cam" --site crossing
     """
-    from headway.cli.run import gateway as run
+    from headway.cli.run.gateway import process as run
     from headway.gateways.mqtt import MqttClient
 
     options, bus = run.GatewayOptions(name, form, "127.0.0.1", http_port), run.access(config, connect, site)
@@ -85,7 +85,7 @@ def kafka(
 
     Example: headway gateway kafka --broker ode.example:9092 --topic topic.OdeBsmJson --site crossing
     """
-    from headway.cli.run import gateway as run
+    from headway.cli.run.gateway import process as run
     from headway.gateways.kafka import TOPICS, KafkaAlerts, KafkaConsumer
 
     options, bus = run.GatewayOptions(name, form, "127.0.0.1", http_port), run.access(config, connect, site)

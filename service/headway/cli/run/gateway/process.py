@@ -2,20 +2,16 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final, Protocol
+from typing import Final
 
 import structlog
-from prometheus_client import CollectorRegistry, ProcessCollector, generate_latest
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
-from prometheus_client.registry import Collector
 
 from headway.cli.run.bus import BusAccess, bus_access
+from headway.cli.run.gateway.telemetry import AlertFeed, Feed, telemetry
 from headway.edge.telemetry import logging_setup
-from headway.edge.telemetry.http_server import HttpServer
-from headway.edge.telemetry.metrics import CONTENT_TYPE
 from headway.errors import UserError
 from headway.gateways.bus_port import BUNDLE_BYTES, AlertSource, Forwarder, open_session, send_alerts
 from headway.gateways.frame_queue import FrameQueue
@@ -30,35 +26,6 @@ FORMS: Final = {
 FRAMES_LIMIT: Final = 100_000
 
 _log: Final = structlog.get_logger(__name__)
-
-
-class Feed(Protocol):
-    """What brings frames to a queue, or takes alerts away."""
-
-    @property
-    def lost(self) -> int:
-        """Messages that are known to be lost before they reached the gateway."""
-
-    @property
-    def disconnections(self) -> int:
-        """How often the connection to a broker was lost."""
-
-    @property
-    def problem(self) -> str | None:
-        """Why nothing can come; None: it can."""
-
-    def run(self, stopping: Callable[[], bool]) -> None:
-        """Receive until it is stopped."""
-
-    def close(self) -> None:
-        """Release what it holds."""
-
-
-class AlertFeed(Feed, Protocol):
-    """A broker that takes alerts."""
-
-    def send(self, frame: Frame) -> bool:
-        """Hand an alert over; False if it is not taken now."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +79,7 @@ def forward(make: Callable[[FrameQueue], Feed], options: GatewayOptions, bus: Bu
         return feed.problem or (None if forwarder.subscribed else "no service subscribes on the bus")
 
     receiver = threading.Thread(target=feed.run, args=(stop.is_set,), name="gateway-feed")
-    with _telemetry(options, queue, feed, lambda: forwarder.sent, problem):
+    with telemetry((options.http_host, options.http_port), queue, feed, lambda: forwarder.sent, problem):
         receiver.start()
         _log.info("gateway ready", key=key, encoding=encoding)
         forwarder.run(stop.is_set)
@@ -145,7 +112,7 @@ def forward_alerts(make: Callable[[FrameQueue], AlertFeed], options: GatewayOpti
         sent[0] += taken
         return taken
 
-    with _telemetry(options, queue, feed, lambda: sent[0], lambda: feed.problem):
+    with telemetry((options.http_host, options.http_port), queue, feed, lambda: sent[0], lambda: feed.problem):
         source = AlertSource(queue, session, Keys(bus.prefix, bus.site).every_alert)
         _log.info("alert gateway ready", site=bus.site)
         send_alerts(queue, send, stop.is_set, stop)
@@ -167,50 +134,3 @@ def _stop_on_signal() -> threading.Event:
 def _account(queue: FrameQueue, feed: Feed, sent: int) -> dict[str, object]:
     dropped = {reason: count for reason, count in queue.dropped.items() if count}
     return {"received": queue.received, "sent": sent, "dropped": dropped, "waiting": len(queue), "lost": feed.lost}
-
-
-def _telemetry(
-    options: GatewayOptions,
-    queue: FrameQueue,
-    feed: Feed,
-    sent: Callable[[], int],
-    problem: Callable[[], str | None],
-) -> HttpServer:
-    registry = CollectorRegistry()
-    registry.register(_Metrics(queue, feed, sent))
-    ProcessCollector(registry=registry)
-    try:
-        server = HttpServer(
-            options.http_host,
-            options.http_port,
-            metrics=lambda: generate_latest(registry),
-            content_type=CONTENT_TYPE,
-            liveness_problem=lambda: None,
-            readiness_problem=problem,
-        )
-    except OSError as error:
-        raise UserError(f"--http-port {options.http_port}: {error.strerror or error}") from None
-    _log.info("metrics", http_port=server.port)
-    return server
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Metrics(Collector):
-    queue: FrameQueue
-    feed: Feed
-    sent: Callable[[], int]
-
-    def collect(self) -> Iterator[CounterMetricFamily | GaugeMetricFamily]:
-        received = CounterMetricFamily("headway_gateway_received", "Messages received, by source.", labels=["source"])
-        for source, count in list(self.queue.by_source.items()):
-            received.add_metric([source], count)
-        yield received
-        yield CounterMetricFamily("headway_gateway_sent", "Messages handed over.", value=self.sent())
-        dropped = CounterMetricFamily("headway_gateway_dropped", "Messages dropped, by reason.", labels=["reason"])
-        for reason, count in list(self.queue.dropped.items()):
-            dropped.add_metric([reason], count)
-        yield dropped
-        yield CounterMetricFamily("headway_gateway_lost", "Messages lost before the gateway.", value=self.feed.lost)
-        breaks = self.feed.disconnections
-        yield CounterMetricFamily("headway_gateway_disconnections", "Losses of the broker's connection.", value=breaks)
-        yield GaugeMetricFamily("headway_gateway_waiting", "Messages that wait.", value=len(self.queue))
