@@ -131,9 +131,11 @@ class World:
         x_m = np.where(done.outcome == Outcome.SCORED, self.tracks["x_m"][rows], np.nan)
         return done.outcome, x_m, done.sequence_gap, done.initialised
 
-    def extend_path_history(self, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64) -> None:
+    def extend_path_history(
+        self, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64, innovation_std_m: float = 0.01
+    ) -> None:
         """Pass the verdicts on."""
-        extend_path_history(self.tracks, rows, location_valid, v_mps)
+        extend_path_history(self.tracks, rows, location_valid, v_mps, np.full(len(rows), innovation_std_m**2))
 
     def find_leaders(self, rows: I64, t_us: int, declared: dict[int, int] | None = None) -> NDArray[np.bool_]:
         """Return which rows have another leader than before."""

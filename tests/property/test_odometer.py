@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from headway.core.tracking.geodesy import metres_per_degree
+from headway.core.tracking.odometer import CRUMB_SPACING_M
 from headway.core.tracking.pairing import NO_LEADER, find_leaders, gaps_m, leader_of, new_pairing
 from headway.core.tracking.spatial_index import new_grid
-from headway.core.tracking.tracks import CRUMB_SPACING_M, CRUMB_X, CRUMBS, advance, extend_path_history, new_tracks
+from headway.core.tracking.tracks import CRUMB_X, CRUMBS, advance, extend_path_history, new_tracks
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
@@ -46,7 +47,7 @@ def run(drive: list, order: NDArray[np.int64]) -> tuple[Records, Records]:
         done = advance(tracks, order, numbers, np.arange(ROWS), MAX_GAP_S)
         ok = done.outcome == Outcome.SCORED
         assert ((done.sequence_gap >= 0) & (done.sequence_gap < 128)).all()
-        extend_path_history(tracks, order[ok], location_valid[ok], speed[ok])
+        extend_path_history(tracks, order[ok], location_valid[ok], speed[ok], np.full(len(order[ok]), 1e-4))
         find_leaders(tracks, pairing, grid, order[ok], (order[ok] + 1) % ROWS, t_us, 150.0, 3.6, changed)
     return tracks, pairing
 
@@ -96,5 +97,5 @@ def test_rejected_positions_have_no_effect(faults: dict[int, tuple[float, float]
         place = 48.0 + north / north_per_degree, 11.0 + east / east_per_degree
         one = (np.array([value]) for value in (*place, 20.0, heading, np.nan))
         advance(tracks, row, columns_of(np.array([START_US + k * 100_000]), np.array([k]), *one), row, MAX_GAP_S)
-        extend_path_history(tracks, row, np.array([k not in faults]), np.array([20.0]))
+        extend_path_history(tracks, row, np.array([k not in faults]), np.array([20.0]), np.array([1e-4]))
     assert abs(tracks["x_m"][0] - 118.0) < 0.01

@@ -67,13 +67,23 @@ def test_healthy_vehicles_raise_no_alarm(with_range: bool) -> None:
     assert not verdicts["response"]["warming"][-1, 1:].any()
 
 
-@pytest.mark.parametrize("with_range", [False, True])
-@pytest.mark.parametrize("faulty", range(CARS))
+@pytest.mark.parametrize(
+    ("with_range", "faulty"), [(False, 1), (False, 2), *((True, faulty) for faulty in range(CARS))]
+)
 def test_a_feigned_brake_names_the_faulty_vehicle_wherever_it_drives(with_range: bool, faulty: int) -> None:
     verdicts = run(platoon(with_range, faulty))[: FAULT_AT + 50]
     assert (verdicts["kind"][:FAULT_AT] == Kind.NONE).all()
     assert (verdicts["kind"] == (Kind.RANGE if with_range else Kind.RESPONSE)).any()
     assert last_named(verdicts) == faulty
+
+
+@pytest.mark.parametrize("faulty", [0, CARS - 1])
+def test_a_brake_that_no_neighbour_contradicts_is_no_alarm(faulty: int) -> None:
+    """The last car brakes although its leader does not, or the first one although nobody follows it in that."""
+    verdicts = run(platoon(with_range=False, faulty=faulty))[: FAULT_AT + 50]
+    response = verdicts["response"][FAULT_AT:, max(faulty, 1)]
+    assert (response["statistic"] > response["gate"]).any()
+    assert (verdicts["kind"] == Kind.NONE).all()
 
 
 def test_the_suspect_stands_when_the_alarm_is_over() -> None:

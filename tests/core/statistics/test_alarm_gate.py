@@ -79,3 +79,22 @@ def test_what_was_learnt_fades_with_the_traffic_that_taught_it() -> None:
     rough = gate(tail, p)
     run(tail, excursions(rng, 1.0, 150.0, 0.8), p)
     assert gate(tail, p) < rough - 1.0
+
+
+def test_the_gate_of_a_receiver_is_that_of_heavier_tails() -> None:
+    """Between a sensor whose noise is rounding and a receiver, the mean excess is in between."""
+    tail, p = np.zeros(1, TAIL)[0], BUDGET._replace(receiver_mean=3.0)
+    assert gate(tail, p, 0.0) == gate(tail, BUDGET)
+    assert gate(tail, BUDGET) < gate(tail, p, 0.5) < gate(tail, p, 1.0)
+    assert gate(tail, p, 1.0) == pytest.approx(-6.0 + 3.0 * np.log(400.0), rel=0.3)
+    assert false_alarms_per_hour(tail, gate(tail, p, 1.0), p, 1.0) == pytest.approx(1.0)
+
+
+def test_a_patient_sender_raises_the_gate_no_further_than_that_of_a_receiver() -> None:
+    """Two hours of peaks just below the gate: what is learnt is bounded, whatever is sent."""
+    tail, p = np.zeros(1, TAIL)[0], BUDGET._replace(receiver_mean=3.0)
+    for _ in range(2000):
+        odds = np.full(30, -8.0)
+        odds[10] = min(gate(tail, p, 1.0) - 0.01, p.threshold + p.truncation - 0.01)
+        run(tail, odds, p)
+    assert gate(tail, p, 1.0) < 40.0

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from core.roads import START_US, STEP_S, STRAIGHT, Car, Noise, Reading, Road, World, drive, lat_lon
 
-from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_SPACING_M, CRUMB_X, CRUMBS, DEFAULT_LENGTH_M, evict
+from headway.core.tracking.odometer import CRUMB_SPACING_M
+from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_X, CRUMBS, DEFAULT_LENGTH_M, evict
 from headway.core.types.outcome import Outcome
 
 ROW = np.array([0])
@@ -295,3 +296,64 @@ def test_on_real_rows_the_odometer_agrees_with_the_wheels(shared_data: Path) -> 
     v_mps = np.array([float(row["SpeedWsu"]) for row in rows]) / 3.6
     wheels_m = np.append(0.0, np.cumsum(0.5 * (v_mps[1:] + v_mps[:-1]) * np.diff(t_s)))
     assert np.array(x_m) == pytest.approx(wheels_m, abs=0.63)
+
+
+def set_off(world: World, speeds: list[float], course: float, *, noise_m: float = 0.0) -> np.ndarray:
+    """The odometer (n,) of a vehicle that drives 20 m north, stands for 3 s, and then drives on `course` at `speeds`.
+
+    It declares north all the time.
+    """
+    rng, direction = np.random.default_rng(4), (math.sin(math.radians(course)), math.cos(math.radians(course)))
+    x_m, away_m = [], 0.0
+    for k, speed in enumerate([5.0] * 40 + [0.0] * 30 + speeds):
+        away_m += speed * STEP_S if k >= 70 else 0.0
+        place = np.array([0.0, min(0.5 * (k + 1), 20.0)]) + away_m * np.array(direction) + rng.normal(0.0, noise_m, 2)
+        x_m.append(receive(world, k * STEP_S, place[1], east_m=place[0], speed=speed)[1])
+    return np.array(x_m)
+
+
+SETS_OFF = [0.1 * k for k in range(30)] + [3.0] * 30
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.01])
+def test_a_vehicle_that_drives_backwards_from_rest_covers_a_way(noise_m: float) -> None:
+    """A speed has no sign, so neither has the way; only the first centimetres may go either way."""
+    x_m = set_off(World(), SETS_OFF, 180.0, noise_m=noise_m)
+    assert x_m[-1] - x_m[69] == pytest.approx(sum(SETS_OFF) * STEP_S, abs=0.3)
+    assert np.diff(x_m[-30:]) == pytest.approx(0.3, abs=6.0 * noise_m + 1e-6)
+
+
+def test_a_course_that_is_declared_as_the_heading_of_a_vehicle_that_backs_up_changes_nothing() -> None:
+    held, turned = World(), World()
+    for world in (held, turned):
+        x_m = set_off(world, SETS_OFF, 180.0)
+        for k in range(10):
+            heading = 180.0 if world is turned else 0.0
+            receive(
+                world, (130 + k) * STEP_S, 20.0 - sum(SETS_OFF) * STEP_S - 0.3 * (k + 1), speed=3.0, heading=heading
+            )
+        assert world.tracks["x_m"][0] == pytest.approx(x_m[-1] + 3.0, abs=1e-3)
+
+
+def test_a_vehicle_that_turns_as_it_sets_off_is_less_sure_of_its_odometer() -> None:
+    """It declares the heading at which it came to rest until its receiver knows another."""
+    world, speeds = World(), SETS_OFF[:20]
+    x_m = set_off(world, speeds, 60.0)
+    std_m = float(world.tracks["odometer_std_m"][0])
+    assert std_m == pytest.approx(0.25 * sum(speeds) * STEP_S, rel=0.1)
+    assert abs(x_m[-1] - x_m[69] - sum(speeds) * STEP_S) < 1.1 * std_m
+
+
+def test_noise_at_rest_is_no_way() -> None:
+    """Positions that wander by 30 cm, and speeds that are seldom 0, do not turn a vehicle round."""
+    world, rng, x_m = World(), np.random.default_rng(8), []
+    for k in range(600):
+        speed = 5.0 if k < 40 else abs(rng.normal(0.0, 0.1))
+        north_m = min(0.5 * (k + 1), 20.0) + rng.normal(0.0, 0.3)
+        lat, lon = lat_lon(rng.normal(0.0, 0.3), north_m)
+        one = (np.array([value]) for value in (lat, lon, speed, 0.0))
+        x_m.append(float(world.advance(ROW, START_US + k * 100_000, *one)[1][0]))
+        world.extend_path_history(
+            ROW, np.array([True]), np.array([speed]), math.hypot(0.3, world.tracks["odometer_std_m"][0])
+        )
+    assert np.mean(x_m[-50:]) == pytest.approx(np.mean(x_m[60:110]), abs=0.5)

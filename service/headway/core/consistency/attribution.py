@@ -27,6 +27,8 @@ LOG_ODDS_MIN = -2.0
 """Lower bound of the log odds: a consistent past says little about the present."""
 LOG_LIKELIHOOD_RATIO_MAX = 6.0
 """Bound of the log-likelihood ratio of one reading."""
+WITNESS_LOG_ODDS = 2.0
+"""Log odds of a neighbouring pair from which it is a witness: .88."""
 SURPRISE_MAX = 12.0
 """Bound of the motion surprise of a pair."""
 
@@ -55,6 +57,18 @@ def accumulate(pair_fault: Any, log_likelihood_ratio: float, weight: float, t_s:
 def is_recent(pair_fault: Any, t_s: float) -> bool:
     """Whether the pair had a reading within FADE_S."""
     return bool(t_s - pair_fault.t_s <= FADE_S)
+
+
+@njit(cache=True, error_model="numpy")
+def is_witnessed(behind: Any, ahead: Any, t_s: float) -> bool:
+    """Whether the pair behind, or that ahead, is inconsistent too.
+
+    A driver may brake, or not, for reasons that the leader does not show. Then the vehicle behind responds to it.
+    """
+    found = False
+    for pair_fault in (behind, ahead):
+        found |= is_recent(pair_fault, t_s) and decayed(pair_fault.log_odds, pair_fault.t_s, t_s) > WITNESS_LOG_ODDS
+    return found
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.special import expit
 
-from headway.core.consistency.attribution import FAULT_LOG_ODDS, decayed, follower_log_odds
+from headway.core.consistency.attribution import FAULT_LOG_ODDS, decayed, follower_log_odds, is_witnessed
 from headway.core.consistency.forward_range import RANGING, RangingParams, ranging_reset_leader, ranging_step
 from headway.core.consistency.response import RESPONSE, ResponseParams, response_reset_leader, response_step
 from headway.core.statistics.test_result import CHECK, check_budget
@@ -103,6 +103,10 @@ def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: 
             behind, ahead = pair_test.response_behind, leader.response.pair_fault
             if verdict.kind == RANGE_KIND:
                 behind, ahead = pair_test.ranging_behind, leader.ranging.pair_fault
+            elif not is_witnessed(behind, ahead, z.t_s):
+                verdict.kind = NONE
+                verdict.follower_log_odds = pair_test.log_odds
+                continue
             surprises = response.follower_surprise, response.leader_surprise
             hold_attribution(pair_test, follower_log_odds(behind, ahead, *surprises, z.t_s), z.t_s)
         verdict.follower_log_odds = pair_test.log_odds

@@ -28,7 +28,7 @@ def build_readings(tables: Tables, batch: Columns, rows: I64, places: I64, decla
         track, z = tracks[rows[i]], readings[i]
         z.leader_t_s = z.leader_x_m = z.leader_v_mps = z.leader_length_m = z.range_m = z.range_rate_mps = np.nan
         z.t_s = 1e-6 * track.t_us
-        z.x_m = track.x_m
+        z.x_m, z.odometer_std_m = track.x_m, track.odometer_std_m
         z.v_mps = track.v_mps
         z.east_m, z.north_m = track.step_east_m, track.step_north_m
         z.heading_deg, z.accuracy_m = batch.heading_deg[places[i]], track.accuracy_m

@@ -49,7 +49,7 @@ def finalise(
     resets = reset_not_finite(tables, ingested, params.model_bytes)
     combine(tables.plausibility, rows, params.limits, verdicts)
     location_valid = store(tables, ingested, verdicts)
-    extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"])
+    extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"], verdicts["S"][:, 0, 0])
     leader_changes = find_leaders(
         tables.tracks,
         tables.pairing,

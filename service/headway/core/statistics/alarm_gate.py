@@ -52,6 +52,8 @@ class Budget(NamedTuple):
     """Time without learning after an alarm, s."""
     memory_s: float
     """Time constant of the learnt tail, s."""
+    receiver_mean: float = 0.0
+    """Least mean excess for a sensor whose noise is that of a receiver: its errors have heavier tails."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -68,25 +70,29 @@ def untruncated_mean(truncated_mean: float, truncation: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def rate_and_mean(tail: Any, p: Budget) -> tuple[float, float]:
-    """Return excursions per hour and the mean excess of their peaks, prior included."""
+def rate_and_mean(tail: Any, p: Budget, receiver: float = 0.0) -> tuple[float, float]:
+    """Return excursions per hour and the mean excess of their peaks, prior included.
+
+    `receiver` says from 0 to 1 how much the sensor is a receiver, and not one whose noise is that of rounding.
+    """
     mean = tail.mean if tail.mean > 0.0 else p.prior_mean
+    mean = max(mean, receiver * p.receiver_mean)
     hours = p.prior_exceedances / p.prior_rate_per_hour + tail.exposure_s / 3600.0
     seen = 1.0 - exp(-p.truncation / p.prior_mean)
     return (p.prior_exceedances * seen + tail.exceedances) / hours / (1.0 - exp(-p.truncation / mean)), mean
 
 
 @njit(cache=True, error_model="numpy")
-def gate(tail: Any, p: Budget) -> float:
+def gate(tail: Any, p: Budget, receiver: float = 0.0) -> float:
     """Return the gate that clean readings of this vehicle exceed at the accepted rate."""
-    rate, mean = rate_and_mean(tail, p)
+    rate, mean = rate_and_mean(tail, p, receiver)
     return float(p.threshold + mean * max(log(rate / p.alarms_per_hour), 0.0))
 
 
 @njit(cache=True, error_model="numpy")
-def false_alarms_per_hour(tail: Any, log_odds: float, p: Budget) -> float:
+def false_alarms_per_hour(tail: Any, log_odds: float, p: Budget, receiver: float = 0.0) -> float:
     """Return how many excursions per hour of clean readings of this vehicle reach `log_odds`."""
-    rate, mean = rate_and_mean(tail, p)
+    rate, mean = rate_and_mean(tail, p, receiver)
     return float(rate * exp(-max(log_odds - p.threshold, 0.0) / mean))
 
 

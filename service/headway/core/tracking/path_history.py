@@ -12,7 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from headway.core.tracking.geodesy import displacement_m
-from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_NORTH, CRUMB_SPACING_M, CRUMB_X, CRUMBS
+from headway.core.tracking.odometer import CRUMB_SPACING_M
+from headway.core.tracking.tracks import CRUMB_EAST, CRUMB_NORTH, CRUMB_X, CRUMBS
 
 _PATH_COS_MIN = 0.77  # 40 degrees: a base lags its vehicle by up to one spacing of a tight turn
 _STRAIGHT_COS_MIN = 0.97  # 14 degrees, on the straight continuation

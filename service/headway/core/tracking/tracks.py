@@ -1,13 +1,4 @@
-"""One row for each vehicle: its newest reading, its odometer, and its path history.
-
-**Odometer.** `x_m` maps latitude and longitude to the one dimension of the filter. It is measured from the *base*, the
-newest place with a valid location, and never from the last reading. With d the displacement from the base, h0 and h the
-unit headings at the base and now, and phi the angle between them,
-
-    x = x_base + (d . m) (phi / 2) / sin(phi / 2),        m = (h0 + h) / |h0 + h|
-
-is the arc length of the circle through both places. The factor is taken as 1 + (1 - h0 . h) / 12, its value to second
-order in phi. An invalid location makes one invalid `x_m` and has no effect on the next.
+"""One row for each vehicle: its newest reading, its odometer (`odometer`), and its path history.
 
 **Path history.** `advance` reads the base; `extend_path_history` moves it after the verdict. A reading with a valid
 location becomes the base when it is `CRUMB_SPACING_M` further on. If the location is invalid, the recovered speed moves
@@ -26,18 +17,13 @@ from numpy.typing import NDArray
 
 from headway.core.runtime.rows import wipe
 from headway.core.tracking.geodesy import displaced_deg, displacement_m
+from headway.core.tracking.odometer import CRUMB_SPACING_M, TURN_COS_MIN, rests, turn_cos, update_odometer
 from headway.core.types.batch import F64, I64, Columns
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
 
 CRUMBS = 64
 """Crumbs of each path: 192 m at the closest spacing. A power of two."""
-
-CRUMB_SPACING_M = 3.0
-"""Short for the curves of a lane (an arc of 60 m radius leaves its chord by 2 cm), long against position noise."""
-
-MOVING_MPS = 0.5
-"""Below this speed a receiver's heading is noise; a vehicle at rest keeps its heading."""
 
 DEFAULT_LENGTH_M = 4.7
 """A passenger car, for a sender that declares no length."""
@@ -52,8 +38,6 @@ _INTERVAL_MIN_S = 0.01
 _LONGEST_KEPT = 0.99  # of a longest interval, or run of losses, with each message
 _LOSS_KEPT = 15.0 / 16.0  # of a share of losses, with each message
 _FIRST_INTERVAL_S = 0.1  # 10 Hz until the interval of the sender is known (SAE J2945/1)
-_TURN_COS_MIN = 0.5  # no vehicle turns by more than 60 degrees within one spacing
-_CHORD_MIN_M = 0.5 * CRUMB_SPACING_M  # shorter ones have no direction in the noise
 _BREAK_M = 50.0
 _ACCEPTED = int(Outcome.SCORED)
 _DUPLICATE = int(Outcome.DUPLICATE)
@@ -88,6 +72,8 @@ TRACK = np.dtype(
         ("step_north_m", "f8"),
         ("contradictions", "i8"),  # messages of the newest reading's time with another content
         ("x_m", "f8"),
+        ("odometer_std_m", "f8"),  # of x_m, where the vehicle sets off in a direction that is not known
+        ("innovation_std_m", "f8"),  # by which a reading of x_m may differ from its prediction
         ("v_mps", "f8"),
         ("heading_east", "f8"),  # unit vector; (0, 0): unknown
         ("heading_north", "f8"),
@@ -104,6 +90,7 @@ TRACK = np.dtype(
         ("base_north_m", "f8"),
         ("base_heading_east", "f8"),
         ("base_heading_north", "f8"),
+        ("base_resting", "?"),  # the vehicle was at rest there
         ("newest_crumb", "i8"),
         ("crumb_count", "i8"),
         ("crumbs", "f4", (CRUMBS, 3)),  # ring of EAST, NORTH, X: to 4 mm after 100 km
@@ -182,38 +169,43 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
             track.accuracy_m = batch.accuracy_m[k]
         if batch.length_m[k] > 0.0:
             track.length_m = batch.length_m[k]
-        _update_odometer(track, batch.heading_deg[k])
+        update_odometer(track, batch.heading_deg[k])
         if done.initialised[i]:
             _push_crumb(track)
     return done
 
 
 @njit(cache=True, error_model="numpy")
-def extend_path_history(tracks: Records, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64) -> None:
+def extend_path_history(
+    tracks: Records, rows: I64, location_valid: NDArray[np.bool_], v_mps: F64, innovation_variance: F64
+) -> None:
     """Move each row's base after the verdict on its newest reading; once for each reading that `advance` accepted.
 
     `location_valid` (B,): the filter did not reject the location. `v_mps` (B,): the recovered speed, which moves the
-    base where the location is invalid. A valid reading too far from the base clears the path, not the odometer.
+    base where the location is invalid. `innovation_variance` (B,) is that of `x_m`, m^2. A valid reading too far from
+    the base clears the path, not the odometer.
     """
     for i in range(rows.size):
         track = tracks[rows[i]]
+        track.innovation_std_m = math.sqrt(max(innovation_variance[i] - track.odometer_std_m**2, 0.0))
         if location_valid[i]:
             east_m, north_m = track.from_base_east_m, track.from_base_north_m
             apart_m = math.hypot(east_m, north_m)
-            if track.x_m - track.base_x_m < CRUMB_SPACING_M and apart_m < 3.0 * CRUMB_SPACING_M:
+            resting = rests(track, math.hypot(track.step_east_m, track.step_north_m))
+            if not resting and track.x_m - track.base_x_m < CRUMB_SPACING_M and apart_m < 3.0 * CRUMB_SPACING_M:
                 continue
             if apart_m > _BREAK_M + 2.0 * track.v_mps * track.step_s:
                 track.crumb_count = 0
             track.base_lat_deg, track.base_lon_deg = track.lat_deg, track.lon_deg
-            track.base_x_m = track.x_m
-            if not track.heading_declared:
+            track.base_x_m, track.base_resting = track.x_m, resting
+            if not (track.heading_declared or resting):
                 track.heading_east, track.heading_north = east_m / apart_m, north_m / apart_m
             track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
         else:
             travelled_m = v_mps[i] * track.step_s
             east_m = 0.5 * travelled_m * track.base_heading_east
             north_m = 0.5 * travelled_m * track.base_heading_north
-            if track.heading_declared and _turn_cos(track) >= _TURN_COS_MIN:
+            if track.heading_declared and turn_cos(track) >= TURN_COS_MIN:
                 track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
             east_m += 0.5 * travelled_m * track.base_heading_east
             north_m += 0.5 * travelled_m * track.base_heading_north
@@ -221,6 +213,7 @@ def extend_path_history(tracks: Records, rows: I64, location_valid: NDArray[np.b
                 track.base_lat_deg, track.base_lon_deg, east_m, north_m
             )
             track.base_x_m += travelled_m
+            track.base_resting = False
         track.base_east_m += east_m
         track.base_north_m += north_m
         track.from_base_east_m = track.from_base_north_m = 0.0
@@ -243,6 +236,7 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     track.base_lat_deg, track.base_lon_deg = lat_deg, lon_deg
     track.base_x_m = track.base_east_m = track.base_north_m = 0.0
     track.base_heading_east = track.base_heading_north = 0.0
+    track.base_resting = False
     track.crumb_count = 0
 
 
@@ -297,52 +291,6 @@ def _sequence_gap(track: Any, msg_cnt: int, step_s: float, max_gap_s: float) -> 
     track.longest_loss = max(_LONGEST_KEPT * track.longest_loss, float(sent - 1))
     track.loss = (1.0 - _LOSS_KEPT ** (sent - 1) * (1.0 - track.loss)) * _LOSS_KEPT
     return int(sent - 1)
-
-
-@njit(cache=True, error_model="numpy")
-def _update_odometer(track: Any, heading_deg: float) -> None:
-    """Set heading and odometer of the newest reading, relative to the base."""
-    east_m, north_m = displacement_m(track.base_lat_deg, track.base_lon_deg, track.lat_deg, track.lon_deg)
-    track.from_base_east_m, track.from_base_north_m = east_m, north_m
-    apart_m = math.hypot(east_m, north_m)
-    moving = track.v_mps >= MOVING_MPS or apart_m >= CRUMB_SPACING_M
-    known = track.base_heading_east != 0.0 or track.base_heading_north != 0.0
-    track.heading_declared = moving and math.isfinite(heading_deg)
-    if track.heading_declared or (math.isfinite(heading_deg) and not known):
-        track.heading_east = math.sin(math.radians(heading_deg))
-        track.heading_north = math.cos(math.radians(heading_deg))
-    elif moving:
-        _derive_heading(track, apart_m)
-    if not track.heading_known and (moving or not known):
-        track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
-        track.heading_known = track.heading_declared or (moving and apart_m >= _CHORD_MIN_M)
-
-    turn_cos = _turn_cos(track)
-    if turn_cos < _TURN_COS_MIN:
-        ahead_m = east_m * track.heading_east + north_m * track.heading_north
-    else:
-        mean_east = track.base_heading_east + track.heading_east
-        mean_north = track.base_heading_north + track.heading_north
-        ahead_m = (east_m * mean_east + north_m * mean_north) / math.hypot(mean_east, mean_north)
-        ahead_m *= 1.0 + (1.0 - turn_cos) / 12.0
-    track.x_m = track.base_x_m + ahead_m
-
-
-@njit(cache=True, error_model="numpy")
-def _derive_heading(track: Any, apart_m: float) -> None:
-    """Set the heading by the displacement from the base, for a sender that declares none."""
-    if apart_m < (_CHORD_MIN_M if track.heading_known else 1e-3):
-        return
-    east, north = track.from_base_east_m / apart_m, track.from_base_north_m / apart_m
-    if track.heading_known and east * track.base_heading_east + north * track.base_heading_north < _TURN_COS_MIN:
-        return
-    track.heading_east, track.heading_north = east, north
-
-
-@njit(cache=True, error_model="numpy")
-def _turn_cos(track: Any) -> float:
-    """Return the cosine of the angle between the headings at the base and now."""
-    return float(track.base_heading_east * track.heading_east + track.base_heading_north * track.heading_north)
 
 
 @njit(cache=True, error_model="numpy")

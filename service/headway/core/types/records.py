@@ -15,6 +15,7 @@ READING = np.dtype(
     [
         ("t_s", "f8"),  # event time, s of Unix time
         ("x_m", "f8"),  # follower's location along its own path
+        ("odometer_std_m", "f8"),  # how sure x_m is beside the position's own noise; NaN: quite
         ("v_mps", "f8"),
         ("leader_t_s", "f8"),  # event time of the leader's sample; NaN: no leader
         ("leader_x_m", "f8"),  # leader's front, in the follower's coordinate

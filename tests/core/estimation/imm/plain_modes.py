@@ -157,8 +157,15 @@ def onset(healthy, name, h, z, r, onset_probability, p):
     return offset_set(without, sensor, z[sensor], r[sensor]) if "bias" in name else without
 
 
-def step(parts, h, z, r, q, walk, unexplained, p, prune_doubles_above, prune_recovery_below_nis):
-    """Return the modes after a reading `z` (2,) in the order of NAMES, and the probability that each has just ended."""
+def step(parts, manoeuvring, h, z, r, motion, p, prune_doubles_above, prune_recovery_below_nis):
+    """Return the modes after a reading `z` (2,) in the order of NAMES, and the probability that each has just ended.
+
+    `manoeuvring` is the probability that the reading before belonged to a manoeuvre.
+    """
+    q, walk, unexplained = motion.jerk_density, motion.random_walk_density, motion.unexplained
+    manoeuvre = unexplained * motion.manoeuvre
+    more = q * (p.manoeuvre_jerk - 1.0) + unexplained * p.manoeuvre_jerk_min
+    q_faulty = q + min(manoeuvring, manoeuvre) * more
     fault, over = min(0.1, p.faults_per_s * h), 1.0 - np.exp(-h / p.fault_s)
     before = dict(zip(NAMES, parts, strict=True))
     healthy = before[HEALTHY]
@@ -168,7 +175,7 @@ def step(parts, h, z, r, q, walk, unexplained, p, prune_doubles_above, prune_rec
     else:
         prior = mixed_faults(before, fault, over, p)
     prior[HEALTHY] = healthy.times(1.0 - 2.0 * fault)
-    prior = {name: predicted(part, h, q, walk) for name, part in prior.items()}
+    prior = {name: predicted(part, h, q if name == HEALTHY else q_faulty, walk) for name, part in prior.items()}
     for name, part in prior.items():
         if any(word in LINES for word in name):
             part.cov[3, 3] += p.offset_noise**2
@@ -178,11 +185,9 @@ def step(parts, h, z, r, q, walk, unexplained, p, prune_doubles_above, prune_rec
     for name in NAMES[1:]:
         if fault_count(name) == 1:
             after[name] = mixed([after[name], onset(prior[HEALTHY], name, h, z, r, onset_probability, p)])
-    manoeuvre = unexplained * p.manoeuvre
     manoeuvring = prior[HEALTHY].times(manoeuvre)
-    jump = p.standstill_jump_mps**2 * np.exp(-0.5 * (manoeuvring.mean[1] / p.standstill_mps) ** 2)
+    jump = motion.dead_zone_mps**2 * np.exp(-0.5 * (manoeuvring.mean[1] / p.standstill_mps) ** 2)
     g = np.array([0.5 * h, 1.0, 0.0, 0.0, 0.0])
-    more = q * (p.manoeuvre_jerk - 1.0) + unexplained * p.manoeuvre_jerk_min
     manoeuvring.cov = manoeuvring.cov + jerk_noise(h, more) + jump * np.outer(g, g)
     manoeuvring.cov[2, 2] += jump / h
     sources = [after[HEALTHY].times(1.0 - manoeuvre), updated(manoeuvring, HEALTHY, z, r, p.fault_size)]
@@ -193,7 +198,7 @@ def step(parts, h, z, r, q, walk, unexplained, p, prune_doubles_above, prune_rec
     if not (doubles_pruned and nis < prune_recovery_below_nis):
         for k, name in enumerate(NAMES):
             if 0 < fault_count(name) <= (1 if doubles_pruned else 2):
-                back = predicted(before[name].healthy().times(over ** fault_count(name)), h, q, walk)
+                back = predicted(before[name].healthy().times(over ** fault_count(name)), h, q_faulty, walk)
                 sources.append(updated(back, HEALTHY, z, r, p.fault_size))
                 ended[k] = sources[-1].weight
     after[HEALTHY] = mixed(sources)

@@ -74,11 +74,11 @@ def test_a_change_that_the_leader_explains_is_no_manoeuvre() -> None:
 
 
 def test_the_leader_exposes_a_drift_of_the_speed_beside_a_random_walk() -> None:
-    """The location walks by 2 cm a reading, so that a speed that gains 0.3 m/s in two seconds is nothing to it."""
+    """The location walks by 2 cm a reading, so that a speed that gains 0.5 m/s in two seconds is nothing to it."""
     found = {True: 0, False: 0}
     for seed in range(6):
         read = follow(np.random.default_rng(10 + seed), 1.0, x_walk_m=0.02)
-        read["v_mps"][2000:2020] += np.linspace(0.0, 0.3, 20)
+        read["v_mps"][2000:2020] += np.linspace(0.0, 0.5, 20)
         for led in found:
             readings = read.copy()
             if not led:

@@ -21,7 +21,7 @@ from headway.core.types.config import DetectorConfig
 
 P = headway_params(DetectorConfig()).modes
 R = np.array([1e-4, 1e-4])
-Q, WALK = 0.2, 1e-5
+Q, WALK, MANOEUVRE, DEAD_ZONE_MPS = 0.2, 1e-5, 0.01, 0.4
 TRIANGLE = np.triu_indices(5)
 
 
@@ -37,7 +37,7 @@ class Kernel:
         return self.row["mode_probability"]
 
     def step(self, h, z, unexplained=1.0):
-        update(self.row, h, np.asarray(z), R, Motion(Q, WALK, unexplained), 0, P, self.imm)
+        update(self.row, h, np.asarray(z), R, Motion(Q, WALK, MANOEUVRE, unexplained, DEAD_ZONE_MPS), 0, P, self.imm)
 
 
 def gaussians(kernel):
@@ -81,9 +81,9 @@ def test_every_step_agrees_with_the_plain_twin(kind: str, unexplained: float) ->
     kernel = Kernel(*z[0])
     for k in range(1, len(t_s)):
         h = float(t_s[k] - t_s[k - 1])
-        expected, ended = plain.step(
-            gaussians(kernel), h, z[k], R, Q, WALK, unexplained, P, PRUNE_DOUBLES_ABOVE, PRUNE_RECOVERY_BELOW_NIS
-        )
+        motion, manoeuvring = Motion(Q, WALK, MANOEUVRE, unexplained, DEAD_ZONE_MPS), float(kernel.row["manoeuvring"])
+        pruning = PRUNE_DOUBLES_ABOVE, PRUNE_RECOVERY_BELOW_NIS
+        expected, ended = plain.step(gaussians(kernel), manoeuvring, h, z[k], R, motion, P, *pruning)
         kernel.step(h, z[k], unexplained)
         np.testing.assert_allclose(kernel.imm["ended_probability"], ended, rtol=1e-4, atol=1e-8, err_msg=str(k))
         for got, wanted, name in zip(gaussians(kernel), expected, plain.NAMES, strict=True):
@@ -147,10 +147,11 @@ def test_a_drift_that_went_unnoticed_is_recognised_as_it_ends(seed: int) -> None
     z[:, 0] += np.cumsum(rng.normal(0.0, 0.01, len(t_s)))
     z[20:40, 1] -= np.linspace(0.0, 0.2, 20)
     row, imm = np.zeros(1, MODES)[0], np.zeros(1, IMM_WORKSPACE)[0]
-    initialise_modes(row, *z[0], R, P)
+    gentle = P._replace(manoeuvre_jerk_min=1.5)
+    initialise_modes(row, *z[0], R, gentle)
     probabilities = []
     for k in range(1, len(t_s)):
-        update(row, 0.1, z[k], R, Motion(0.03, 0.001, 1.0), 0, P, imm)
+        update(row, 0.1, z[k], R, Motion(0.03, 0.001, 0.003, 1.0, DEAD_ZONE_MPS), 0, gentle, imm)
         probabilities.append(sensor_fault_probability(row["mode_probability"])[1])
         if k == 40:
             assert imm["ended_probability"].argmax() == Mode.SPEED_DRIFT

@@ -10,8 +10,8 @@ from headway_loadtest.evaluate.paper.experiment import PRINTED_AUC
 from headway_loadtest.evaluate.paper.follower import corrupt, drive
 from headway_loadtest.evaluate.paper.leader import Leader, read_leader
 
-SHORT_OF = 0.01
-"""Four drives of twenty: their mean strays by so much from that in docs/PAPER.md, which is above the printed one."""
+SHORT_OF = 0.03
+"""Four drives of twenty stray by 0.01 from docs/PAPER.md, which is up to 0.02 below the printed figures."""
 
 
 def test_it_does_not_depend_on_what_else_is_judged_beside_it(leader: Leader) -> None:

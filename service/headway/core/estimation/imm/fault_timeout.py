@@ -17,7 +17,8 @@ from headway.core.estimation.imm.modes import (
     NOISE_BESIDE_OFFSET,
     sensor_fault_probability,
 )
-from headway.core.estimation.imm.noise_adaptation import add_speed_bias, clip
+from headway.core.estimation.imm.noise_adaptation import clip
+from headway.core.estimation.imm.speed_calibration import add_speed_bias
 from headway.core.estimation.imm.state import reset_to_measurement
 from headway.core.estimation.kinematics import SLOPE, Z_POSITION, Z_SPEED
 
@@ -43,14 +44,15 @@ def inflate_noise(row: Any, sensor: int, p: Any) -> None:
     elif sensor == Z_POSITION:
         if mu[DRIFT[sensor]] > mu[BIAS[sensor]]:
             slope_mps = row.single[SLOPE, DRIFT[sensor]]
-            add_speed_bias(row.noise, clip(slope_mps, -SPEED_BIAS_STEP_MAX_MPS, SPEED_BIAS_STEP_MAX_MPS), p.noise)
+            slope_mps = clip(slope_mps, -SPEED_BIAS_STEP_MAX_MPS, SPEED_BIAS_STEP_MAX_MPS)
+            add_speed_bias(row.calibration, slope_mps, p.calibration)
         else:
             inflated = NOISE_INFLATION * row.noise.random_walk_density
             row.noise.random_walk_density = clip(inflated, INFLATED_RANDOM_WALK_MIN, p.noise.random_walk_max)
 
 
 @njit(cache=True, error_model="numpy")
-def fault_timeout(row: Any, mean: Any, reading: Any, dt_s: float, p: Any) -> bool:
+def fault_timeout(row: Any, mean: Any, reading: Any, r: Any, dt_s: float, p: Any) -> bool:
     """Count how long each sensor is faulty, reset it to its reading after the time-out, and return whether it was."""
     position_fault, speed_fault = sensor_fault_probability(row.mode_probability)
     row.fault_time_s[Z_POSITION] = row.fault_time_s[Z_POSITION] + dt_s if position_fault > 0.5 else 0.0
@@ -68,5 +70,5 @@ def fault_timeout(row: Any, mean: Any, reading: Any, dt_s: float, p: Any) -> boo
             if repeated:
                 row.noise.adapted_readings = min(row.noise.adapted_readings, ADAPTED_READINGS_KEPT)
                 inflate_noise(row, sensor, p)
-    reset_to_measurement(row, position, speed, mean, reading, row.noise.r, p.modes)
+    reset_to_measurement(row, position, speed, mean, reading, r, p.modes)
     return True

@@ -43,6 +43,7 @@ MODES = np.dtype(
         ("single", "f8", (SIZE, SINGLE_COLUMNS)),
         ("double", "f8", (SIZE, DOUBLE_COLUMNS)),
         ("mode_probability", "f8", (MODE_COUNT,)),
+        ("manoeuvring", "f8"),  # probability that the newest reading belongs to a manoeuvre, given HEALTHY
     ],
     align=True,
 )
@@ -76,16 +77,12 @@ class ModeParams(NamedTuple):
     """Rate at which one sensor becomes faulty, 1/s."""
     fault_s: float = 1.0
     """Mean duration of a fault, s: that of Algorithm 1 (1 to 20 readings at 10 Hz)."""
-    manoeuvre: float = 0.003
-    """Probability that a reading belongs to a manoeuvre."""
     manoeuvre_jerk: float = 90.0
     """Jerk density in a manoeuvre, as a multiple of the vehicle's usual one."""
-    manoeuvre_jerk_min: float = 1.5
-    """Added to it, m^2/s^5: a driver who was steady for long brakes as hard as others."""
+    manoeuvre_jerk_min: float = 15.0
+    """Added to it, m^2/s^5: a driver who was steady for long brakes as hard as others. A jerk of 12 m/s^3 in 0.1 s."""
     standstill_mps: float = 0.6
-    """Speed below which the reported speed jumps, m/s: sensors read 0 below about 0.4 m/s (ADR 0005)."""
-    standstill_jump_mps: float = 0.4
-    """Standard deviation of that jump, m/s."""
+    """Speed below which the reported speed jumps, m/s: some sensors read 0 below about 0.4 m/s (ADR 0005)."""
     fault_size: float = 0.3
     """Scale of a fault, m or m/s; its Student's t distribution has heavy tails."""
     drift_offset0: float = 0.1
@@ -107,6 +104,7 @@ def initialise_modes(row: Any, x_m: float, v_mps: float, r: Any, p: ModeParams) 
         initialise(row.single, j, x_m, v_mps, r[Z_POSITION], r[Z_SPEED], p.a_std_mps2**2)
     row.mode_probability[:] = MODE_PROBABILITY_FLOOR
     row.mode_probability[HEALTHY] = 1.0
+    row.manoeuvring = 0.0
 
 
 @njit(cache=True, error_model="numpy")

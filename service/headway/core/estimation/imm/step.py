@@ -4,6 +4,7 @@ For each reading:
 
     update              mode probabilities and filters (`modes`, `state`, `update`)
     adapt_noise         noise of sensors and driver, from healthy readings (`noise_adaptation`)
+    update_calibration  bias, scale and latency of the speed, from healthy readings (`speed_calibration`)
     gate                threshold of the log odds (fault : healthy), from the alarm budget (`alarm_gate`)
     isolate             sensor and kind (`fault_isolation`)
     fault_timeout       reset of a fault that does not end (`fault_timeout`)
@@ -13,7 +14,7 @@ The motion is x' = v at the same instant. A delay belongs to the driver's respon
 Contradictions between two vehicles are tested in `consistency`.
 """
 
-from math import exp, log, sqrt
+from math import exp, inf, log, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,8 +38,21 @@ from headway.core.estimation.imm.noise_adaptation import (
     NoiseAdaptationParams,
     adapt_noise,
     initialise_noise,
+    position_variance,
     reset_previous_innovation,
+    settled_readings,
     step_size,
+)
+from headway.core.estimation.imm.speed_calibration import (
+    CALIBRATION,
+    CalibrationParams,
+    calibration_variance,
+    certain_acceleration,
+    initialise_calibration,
+    observe_dead_zone,
+    observe_speed_step,
+    predict_calibration,
+    update_calibration,
 )
 from headway.core.estimation.imm.state import (
     IMM_WORKSPACE,
@@ -50,12 +64,26 @@ from headway.core.estimation.imm.state import (
     initialise_modes,
 )
 from headway.core.estimation.imm.update import Motion, update
-from headway.core.estimation.kinematics import AX, PX, SIZE, VA, VV, VX, XX, Z_POSITION, Z_SPEED
+from headway.core.estimation.kinematics import AA, AX, PX, SIZE, VA, VV, VX, XX, Z_POSITION, Z_SPEED
 from headway.core.runtime.prefetch import prefetch_row
 from headway.core.statistics.alarm_gate import TAIL, Budget, false_alarms_per_hour, gate, learn
 from headway.core.types.config import DetectorConfig
 
-ADAPT_ABOVE = 0.9
+FIX_INTERVAL_MAX_S = 1.2
+"""Receivers have a fix at least once a second. A position that is repeated for longer counts as measured again."""
+UNCHANGED_M = 0.05
+"""A position that should have changed by less is measured again where it was: most have a resolution of centimetres."""
+NOD_MPS, NOD_STD_M = 0.5, 0.03
+"""Speed below which a car that stops or sets off nods and rolls, and by how much that moves its antenna."""
+TIMED_MPS = 5.0
+"""Speed above which noise of the position may be noise of the time stamps, m/s."""
+STANDING_MPS = 0.5
+"""Speed below which a vehicle may stand, so that its messages repeat themselves."""
+REPEAT_GAIN = 0.02
+"""Share of the newest message in the share of repeated positions."""
+SLOW_SHARE = 0.3
+"""Share of repeated positions from which a receiver is slower than its messages."""
+ADAPT_ABOVE = 0.5
 """Probability of HEALTHY above which a reading adapts the noise."""
 ADAPT_ABOVE_EARLY = 0.3
 """The same until the noise has settled: a variance that starts too small makes healthy readings doubtful (ADR 0006)."""
@@ -66,11 +94,14 @@ def headway_dtype(delay_s: float) -> np.dtype[np.void]:
     return np.dtype(
         [
             ("count", "i8"),  # readings; 0: a row that is not initialised
-            ("t_s", "f8"),
+            ("t_s", "f8"),  # of the newest reading that the filters have
+            ("last_t_s", "f8"),  # of the newest reading
+            ("position_unchanged_s", "f8"),  # for how long the newest position has been reported
             *((name, MODES[name]) for name in MODES.names or ()),
             ("noise", ADAPTED_NOISE),
+            ("calibration", CALIBRATION),
             ("tail", TAIL),
-            ("accumulated_bias_m", "f8"),  # integral of speed bias and latency: position less integral of the speed
+            ("accumulated_bias_m", "f8"),  # of the speed calibration: position less integral of the speed
             ("a_mps2", "f8"),  # estimate for the time until the next reading
             ("observed_s", "f8"),  # time since the row was initialised
             ("last_reset_s", "f8"),  # event time of the last time-out, or of the initialisation
@@ -97,12 +128,18 @@ class HeadwayParams(NamedTuple):
     warming_readings: int
     modes: ModeParams = ModeParams()
     noise: NoiseAdaptationParams = NoiseAdaptationParams()
+    calibration: CalibrationParams = CalibrationParams()
     fault_time_max_s: float = 2.5
     """Time-out of a fault, s (ADR 0005: 3.5 s keeps every lock-in for longer)."""
     fault_share_max: float = 0.5
     """A fault times out earlier if it exceeds this share of the time observed."""
     gate_margin: float = 28.0
     """Added to the gate, times the root of the step that the noise still takes beyond its least (ADR 0006)."""
+    speed_step_variance: float = 0.75
+    """Variance of a speed, as a share of its squared step. A rounding error has 1/12, but lasts as long as the speed
+    stays, and a nearly constant speed is wrong by up to half a step throughout."""
+    calibration_margin: float = 2.0
+    """Factor on the variance of an innovation in the calibration, times the step beyond its least, plus 1."""
     settled_readings: float = 100.0
     """Adapted readings from which the noise has settled, and the tail of the gate is learnt (ADR 0006)."""
 
@@ -114,17 +151,20 @@ def headway_params(config: DetectorConfig) -> HeadwayParams:
         alarms_per_hour=config.alarm_budget_per_hour,
         threshold=-6.0,
         truncation=4.0,
-        prior_mean=1.0,
+        prior_mean=0.85,
         prior_rate_per_hour=200.0,
         prior_exceedances=100.0,
         holdoff_s=1.0,
         memory_s=900.0,
+        receiver_mean=3.45,
     )
     driver = DriverParams(IdmParams(), config.delay_s)
     return HeadwayParams(budget, driver, config.max_gap_s, config.warming_readings)
 
 
-WORKSPACE = np.dtype([("imm", IMM_WORKSPACE), ("reading", "f8", (2,)), ("mean", "f8", (SIZE,))], align=True)
+WORKSPACE = np.dtype(
+    [("imm", IMM_WORKSPACE), ("reading", "f8", (2,)), ("r", "f8", (2,)), ("mean", "f8", (SIZE,))], align=True
+)
 """What `step` works in: a record, because its parts are not counted references as slices of an array are."""
 
 
@@ -133,10 +173,13 @@ def initialise(row: Any, z: Any, p: HeadwayParams) -> None:
     """Initialise a row at a reading; adapted noise, response gain and alarm tail are kept."""
     if row.noise.r[Z_POSITION] == 0.0:
         initialise_noise(row.noise, p.noise)
+        initialise_calibration(row.calibration, p.calibration)
     reset_previous_innovation(row.noise)
     initialise_modes(row, z.x_m, z.v_mps, row.noise.r, p.modes)
     initialise_driver(row.driver, p.driver)
     row.accumulated_bias_m, row.a_mps2 = 0.0, 0.0
+    row.calibration.sensitivity[:] = 0.0
+    row.calibration.last_speed_mps = z.v_mps
     row.fault_time_s[:] = 0.0
     row.observed_s = 0.0
     row.last_reset_s = z.t_s
@@ -151,6 +194,15 @@ def log_odds(fault_probability: float, healthy_probability: float) -> float:
 
 
 @njit(cache=True, error_model="numpy")
+def current_gate(row: Any, p: HeadwayParams) -> float:
+    """Return the gate of the budget, and the margin for noise that has not settled."""
+    return float(
+        gate(row.tail, p.budget, row.noise.receiver)
+        + p.gate_margin * sqrt(step_size(row.noise, p.noise) - p.noise.step_min)
+    )
+
+
+@njit(cache=True, error_model="numpy")
 def detect(row: Any, ended_probability: Any, dt_s: float, p: HeadwayParams, verdict: Any) -> float:
     """Write statistic, gate and fault of the VERDICT; return the log odds of a fault now or until this reading."""
     mu, run_length = row.mode_probability, row.run_length
@@ -158,12 +210,13 @@ def detect(row: Any, ended_probability: Any, dt_s: float, p: HeadwayParams, verd
     ended = ended_probability.sum()
     fault_log_odds = log_odds(fault, mu[HEALTHY])
     recent_log_odds = log_odds(fault + ended, mu[HEALTHY] - ended)
-    verdict.gate = gate(row.tail, p.budget) + p.gate_margin * sqrt(step_size(row.noise, p.noise) - p.noise.step_min)
+    verdict.gate = current_gate(row, p)
     # A fault that is detected only as it ends is an alarm as well; one that was reported before has simply ended.
     unreported = fault_log_odds <= verdict.gate and run_length[Z_POSITION] + run_length[Z_SPEED] == 0
     verdict.statistic = recent_log_odds if unreported and recent_log_odds > verdict.gate else fault_log_odds
     verdict.anomalous = not verdict.warming and verdict.statistic > verdict.gate
-    verdict.p_value = min(1.0, false_alarms_per_hour(row.tail, verdict.statistic, p.budget) * dt_s / 3600.0)
+    per_hour = false_alarms_per_hour(row.tail, verdict.statistic, p.budget, row.noise.receiver)
+    verdict.p_value = min(1.0, per_hour * dt_s / 3600.0)
     if not verdict.anomalous:
         run_length[:] = 0
     elif unreported:
@@ -188,43 +241,99 @@ def write_estimate(row: Any, mean: Any, imm: Any, verdict: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def repeats_position(row: Any, z: Any) -> bool:
+    """Whether the receiver has had no new fix since its last one; call it once for each READING."""
+    unchanged = row.count > 0 and z.east_m == 0.0 and z.north_m == 0.0
+    row.position_unchanged_s = row.position_unchanged_s + z.t_s - row.last_t_s if unchanged else 0.0
+    unchanged = unchanged and z.v_mps * row.position_unchanged_s > UNCHANGED_M
+    row.last_t_s = z.t_s
+    if z.v_mps > STANDING_MPS:
+        row.calibration.repeat_share += REPEAT_GAIN * ((1.0 if unchanged else 0.0) - row.calibration.repeat_share)
+    if row.position_unchanged_s > FIX_INTERVAL_MAX_S:
+        row.position_unchanged_s = 0.0
+        return False
+    return bool(unchanged)
+
+
+@njit(cache=True, error_model="numpy")
+def repeat_verdict(row: Any, z: Any, p: HeadwayParams, mean: Any, imm: Any, verdict: Any) -> None:
+    """Write the VERDICT of a message that repeats position and speed: the last one, with the estimate at its time."""
+    dt_s = z.t_s - row.t_s
+    imm.ended_probability[:] = 0.0
+    verdict.warming = row.count <= p.warming_readings
+    detect(row, imm.ended_probability, dt_s, p, verdict)
+    estimate(row, mean)
+    verdict.x_m = mean[PX] + row.accumulated_bias_m + dt_s * mean[VX] + 0.5 * dt_s**2 * mean[AX]
+    verdict.v_mps = mean[VX] + dt_s * mean[AX]
+    verdict.x_std_m, verdict.v_std_mps = sqrt(mean[XX]), sqrt(mean[VV])
+    verdict.S[0, 0], verdict.S[1, 1] = position_variance(row.noise, z.v_mps), row.noise.r[Z_SPEED]
+
+
+@njit(cache=True, error_model="numpy")
 def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> None:
     """Update one row (`headway_dtype`) by one READING, in place, and write the VERDICT."""
-    noise, driver, mu = row.noise, row.driver, row.mode_probability
-    imm, reading, mean = workspace.imm, workspace.reading, workspace.mean
+    noise, calibration, driver, mu = row.noise, row.calibration, row.driver, row.mode_probability
+    imm, reading, r, mean = workspace.imm, workspace.reading, workspace.r, workspace.mean
     nu, cov = imm.nu, imm.S
-    unexplained = 1.0
     dt_s = z.t_s - row.t_s
+    measured = not repeats_position(row, z) or dt_s > p.max_gap_s
+    repeats_all = not measured and z.v_mps == calibration.last_speed_mps and verdict.implausible == 0
+    if repeats_all and (z.v_mps > STANDING_MPS or calibration.repeat_share > SLOW_SHARE):
+        repeat_verdict(row, z, p, mean, imm, verdict)
+        return
     row.t_s = z.t_s
-    row.accumulated_bias_m += (noise.speed_bias_mps + noise.speed_latency_s * row.a_mps2) * dt_s
+    changed, uncertain = True, 0.0
+    v_mps = row.single[VX, HEALTHY]
+    unexplained = unexplained_share(driver, noise.jerk_density) if row.count > 0 else 1.0
+    motion = Motion(
+        noise.jerk_density, noise.random_walk_density, noise.manoeuvre, unexplained, calibration.dead_zone_mps
+    )
     if row.count == 0 or dt_s > p.max_gap_s:
         verdict.restarted = row.count > 0
         initialise(row, z, p)
         dt_s = 0.0
         nu[:], imm.ended_probability[:], imm.nis = 0.0, 0.0, 0.0
-        cov[0], cov[1], cov[2] = noise.r[Z_POSITION], 0.0, noise.r[Z_SPEED]
+        r[:] = noise.r
+        cov[0], cov[1], cov[2] = r[Z_POSITION], 0.0, r[Z_SPEED]
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m, z.v_mps
     else:
+        a_mps2 = certain_acceleration(row.a_mps2, row.single[AA, HEALTHY])
+        row.accumulated_bias_m += predict_calibration(calibration, dt_s, v_mps, a_mps2)
+        changed = observe_speed_step(calibration, z.v_mps, p.calibration)
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m - row.accumulated_bias_m, z.v_mps
-        unexplained = unexplained_share(driver, noise.jerk_density)
-        motion = Motion(noise.jerk_density, noise.random_walk_density, unexplained)
-        verdict.repaired = update(row, dt_s, reading, noise.r, motion, verdict.implausible, p.modes, imm)
+        uncertain = calibration_variance(calibration)
+        r[Z_POSITION] = position_variance(noise, v_mps) + uncertain if measured else inf
+        r[Z_SPEED] = max(noise.r[Z_SPEED], p.speed_step_variance * calibration.speed_step_mps**2)
+        if measured and z.odometer_std_m > 0.0:
+            r[Z_POSITION] += z.odometer_std_m**2
+        if v_mps < NOD_MPS:
+            r[Z_POSITION] += NOD_STD_M**2
+        # A time stamp that moves the position by its error times v, moves the speed by its error times a.
+        r[Z_SPEED] += row.a_mps2**2 * position_variance(noise, v_mps) / max(v_mps, TIMED_MPS) ** 2
+        verdict.repaired = update(row, dt_s, reading, r, motion, verdict.implausible, p.modes, imm)
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
     recent_log_odds = detect(row, imm.ended_probability, dt_s, p, verdict)
     write_estimate(row, mean, imm, verdict)
 
-    settled = noise.adapted_readings > p.settled_readings
+    settled = settled_readings(noise) > p.settled_readings
     if not verdict.warming and settled:
         learn(row.tail, recent_log_odds, verdict.anomalous, dt_s, p.budget)
     if dt_s > 0.0 and mu[HEALTHY] > (ADAPT_ABOVE if settled else ADAPT_ABOVE_EARLY):
-        adapt_noise(noise, dt_s, row.a_mps2, nu, cov, unexplained, p.noise)
-        k_v, k_a = row.single[VV, HEALTHY] / noise.r[Z_SPEED], row.single[VA, HEALTHY] / noise.r[Z_SPEED]
+        adapt_noise(noise, r, z.v_mps, nu, cov, motion, row.manoeuvring, measured, changed, p.noise)
+        observe_dead_zone(calibration, z.v_mps, p.calibration)
+        if measured:
+            settling = 1.0 + p.calibration_margin * (step_size(noise, p.noise) - p.noise.step_min)
+            variance = settling * (cov[0] - uncertain)
+            row.accumulated_bias_m += update_calibration(calibration, nu[Z_POSITION], variance, p.calibration)
+        k_v, k_a = row.single[VV, HEALTHY] / r[Z_SPEED], row.single[VA, HEALTHY] / r[Z_SPEED]
         adapt_response_gain(driver, dt_s, nu[Z_SPEED], cov[2], k_v, k_a, p.driver)
     else:
         reset_previous_innovation(noise)
         reset_sensitivity(driver)
-    if verdict.implausible == 0 and fault_timeout(row, mean, reading, dt_s, p):
+    if measured:
+        calibration.sensitivity *= r[Z_POSITION] / cov[0]
+    if measured and verdict.implausible == 0 and fault_timeout(row, mean, reading, r, dt_s, p):
         verdict.restarted = True
     change_mps2 = predict_acceleration(driver, z, dt_s, verdict.x_m, verdict.v_mps, p.driver)
     add_acceleration_change(row, change_mps2)

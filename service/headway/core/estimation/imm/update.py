@@ -16,7 +16,7 @@ and Fu 1970, doi:10.1109/TAC.1970.1099359):
 The last matters only if HEALTHY is in doubt, and modes with two faults likewise; both are pruned otherwise.
 """
 
-from math import exp
+from math import exp, isfinite
 from typing import Any, NamedTuple
 
 from numba import njit
@@ -35,6 +35,7 @@ from headway.core.estimation.imm.modes import (
     SECOND_FAULT_ENDS,
     SINGLE_COLUMNS,
     SINGLE_FAULT_MODES,
+    SINGLE_FAULTS,
     SINGLE_OFFSETS,
     SINGLE_ROLES,
     SPARE_COLUMN,
@@ -100,8 +101,12 @@ class Motion(NamedTuple):
     """m^2/s^5, outside manoeuvres."""
     random_walk_density: float
     """m^2/s: the position wanders against the integral of the speed."""
+    manoeuvre: float
+    """Probability that a reading belongs to a manoeuvre of a driver without a leader."""
     unexplained: float
     """Share of the driver's manoeuvres that the leader does not explain."""
+    dead_zone_mps: float
+    """Speed below which the sensor reports 0."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -136,6 +141,12 @@ def mix(row: Any, chances: Chances, p: ModeParams, imm: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
+def manoeuvre_jerk(motion: Motion, p: ModeParams) -> float:
+    """Return the jerk density of a manoeuvre, less that of other motion."""
+    return motion.jerk_density * (p.manoeuvre_jerk - 1.0) + motion.unexplained * p.manoeuvre_jerk_min
+
+
+@njit(cache=True, error_model="numpy")
 def branch_to_faults(imm: Any, dt_s: float, motion: Motion, p: ModeParams) -> None:
     """Fill the onset branches from the predicted HEALTHY: a fault or a manoeuvre begins with this reading."""
     m, single = imm.onset.m, imm.single.m
@@ -143,10 +154,9 @@ def branch_to_faults(imm: Any, dt_s: float, motion: Motion, p: ModeParams) -> No
         healthy = single[i, HEALTHY]
         for j in range(SINGLE_COLUMNS):
             m[i, j] = healthy
-    jerk_density = motion.jerk_density * (p.manoeuvre_jerk - 1.0) + motion.unexplained * p.manoeuvre_jerk_min
-    add_jerk_noise(m, HEALTHY, dt_s, jerk_density)
+    add_jerk_noise(m, HEALTHY, dt_s, manoeuvre_jerk(motion, p))
     slow = exp(-0.5 * (m[VX, HEALTHY] / p.standstill_mps) ** 2)
-    add_speed_jump(m, HEALTHY, dt_s, p.standstill_jump_mps**2 * slow)
+    add_speed_jump(m, HEALTHY, dt_s, motion.dead_zone_mps**2 * slow)
     for sensor in (Z_POSITION, Z_SPEED):
         drift = DRIFT[sensor]
         m[BB, drift] = p.drift_offset0**2
@@ -160,10 +170,12 @@ def update_single_faults(imm: Any, z: Any, r: Any, p: ModeParams) -> None:
     reset_likelihood(single)
     reset_likelihood(onset)
     for sensor in (Z_SPEED, Z_POSITION):
-        update_scalar(single, sensor, z[sensor], r[sensor], p.fault_size, SINGLE_ROLES[sensor])
-        update_scalar(onset, sensor, z[sensor], r[sensor], p.fault_size, ONSET_ROLES[sensor])
+        if isfinite(r[sensor]):
+            update_scalar(single, sensor, z[sensor], r[sensor], p.fault_size, SINGLE_ROLES[sensor])
+            update_scalar(onset, sensor, z[sensor], r[sensor], p.fault_size, ONSET_ROLES[sensor])
     for sensor in (Z_POSITION, Z_SPEED):
-        set_offset(onset.m, BIAS[sensor], sensor, z[sensor], r[sensor])
+        if isfinite(r[sensor]):
+            set_offset(onset.m, BIAS[sensor], sensor, z[sensor], r[sensor])
 
 
 @njit(cache=True, error_model="numpy")
@@ -172,23 +184,30 @@ def update_double_faults(imm: Any, z: Any, r: Any, p: ModeParams) -> None:
     double = imm.double
     reset_likelihood(double)
     for sensor in (Z_SPEED, Z_POSITION):
-        update_scalar(double, sensor, z[sensor], r[sensor], p.fault_size, DOUBLE_ROLES[sensor])
+        if isfinite(r[sensor]):
+            update_scalar(double, sensor, z[sensor], r[sensor], p.fault_size, DOUBLE_ROLES[sensor])
     for j in range(DOUBLE_COLUMNS):
         imm.predicted_probability[SINGLE_FAULT_MODES + j] *= likelihood(double, j)
 
 
 @njit(cache=True, error_model="numpy")
-def weigh_single_faults(imm: Any, healthy_probability: float, onset: float, motion: Motion, p: ModeParams) -> None:
-    """Weigh the modes with at most one fault by the reading's likelihood, and moment match their onset branches."""
-    predicted = imm.predicted_probability
+def weigh_single_faults(row: Any, onset: float, r: Any, motion: Motion, imm: Any) -> None:
+    """Weigh the modes with at most one fault by the reading's likelihood, and moment match their onset branches.
+
+    A fault of a sensor that has no reading does not begin.
+    """
+    predicted, healthy_probability = imm.predicted_probability, row.mode_probability[HEALTHY]
     onset_probability = healthy_probability * onset / ONSET_KINDS
-    manoeuvre = motion.unexplained * p.manoeuvre
+    manoeuvre = motion.unexplained * motion.manoeuvre
     manoeuvring = predicted[HEALTHY] * manoeuvre
     predicted[HEALTHY] *= 1.0 - manoeuvre
     for j in range(SINGLE_FAULT_MODES):
         arriving = (manoeuvring if j == HEALTHY else onset_probability) * likelihood(imm.onset, j)
+        if j in SINGLE_FAULTS[Z_POSITION] and not isfinite(r[Z_POSITION]):
+            arriving = 0.0
         predicted[j] = predicted[j] * likelihood(imm.single, j) + arriving + PROBABILITY_TINY
         imm.onset_share[j] = arriving / predicted[j]
+    row.manoeuvring = imm.onset_share[HEALTHY]
     single, onset, share = imm.single.m, imm.onset.m, imm.onset_share
     for j in range(SINGLE_COLUMNS):
         moment_match(single, j, onset, j, share[j])
@@ -200,7 +219,8 @@ def branch_to_healthy(row: Any, end: float, count: int, z: Any, r: Any, imm: Any
     recovered, ended = imm.recovered, imm.ended_probability
     reset_likelihood(recovered)
     for sensor in (Z_SPEED, Z_POSITION):
-        update_scalar(recovered, sensor, z[sensor], r[sensor], 0.0, NO_ROLES)
+        if isfinite(r[sensor]):
+            update_scalar(recovered, sensor, z[sensor], r[sensor], 0.0, NO_ROLES)
     weight = imm.predicted_probability[HEALTHY]
     for j in range(1, count):
         ended[j] = row.mode_probability[j] * (end if j < SINGLE_FAULT_MODES else end**2) * likelihood(recovered, j)
@@ -210,10 +230,15 @@ def branch_to_healthy(row: Any, end: float, count: int, z: Any, r: Any, imm: Any
 
 @njit(cache=True, error_model="numpy")
 def innovate(z: Any, r: Any, imm: Any) -> None:
-    """Write innovation, covariance and nis of the reading under the predicted HEALTHY."""
+    """Write innovation, covariance and nis of the reading under the predicted HEALTHY.
+
+    Without a position, its innovation is 0 and its covariance that of the prediction.
+    """
     m, nu, cov = imm.single.m, imm.nu, imm.S
     nu[Z_POSITION], nu[Z_SPEED] = z[Z_POSITION] - m[PX, HEALTHY], z[Z_SPEED] - m[VX, HEALTHY]
     cov[0], cov[1], cov[2] = m[XX, HEALTHY] + r[Z_POSITION], m[XV, HEALTHY], m[VV, HEALTHY] + r[Z_SPEED]
+    if not isfinite(r[Z_POSITION]):
+        nu[Z_POSITION], cov[0] = 0.0, m[XX, HEALTHY]
     imm.nis = nis_2d(nu[Z_POSITION], nu[Z_SPEED], cov[0], cov[1], cov[2], r[Z_SPEED])
 
 
@@ -248,7 +273,7 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     Parameters
     ----------
     z, r
-        (2,) reading of position and speed, and its variances.
+        (2,) reading of position and speed, and its variances; infinite for a position that was not measured again.
     implausible
         `Sensor` whose reading breaks a physical limit: it is faulty whatever the motion is.
     imm
@@ -258,6 +283,9 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     onset = min(FAULT_PROBABILITY_MAX, p.faults_per_s * dt_s)
     chances = transition_chances(onset, 1.0 - exp(-dt_s / p.fault_s))
     doubles_pruned = mu[HEALTHY] > PRUNE_DOUBLES_ABOVE
+    # The manoeuvre that the last reading left possible widens HEALTHY; modes that it did not widen would gain by it.
+    manoeuvring = min(row.manoeuvring, motion.unexplained * motion.manoeuvre)
+    faulty_jerk_density = motion.jerk_density + manoeuvring * manoeuvre_jerk(motion, p)
     load(row, imm, doubles_pruned)
     predicted[HEALTHY] = mu[HEALTHY] * (1.0 - 2.0 * onset)  # begin^2 is mixed apart
     for j in range(1, SINGLE_FAULT_MODES):
@@ -266,11 +294,13 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     if not doubles_pruned:
         save_prior(imm, MODE_COUNT)
         mix(row, chances, p, imm)
-        predict(imm.recovered, dt_s, motion.jerk_density, motion.random_walk_density)
-        predict(imm.double, dt_s, motion.jerk_density, motion.random_walk_density)
+        predict(imm.recovered, dt_s, faulty_jerk_density, motion.random_walk_density)
+        predict(imm.double, dt_s, faulty_jerk_density, motion.random_walk_density)
         for j in DOUBLE_OFFSET_COLUMNS:
             imm.double.m[BB, j] += p.offset_noise**2
     predict(imm.single, dt_s, motion.jerk_density, motion.random_walk_density)
+    for j in range(1, SINGLE_FAULT_MODES):
+        add_jerk_noise(single, j, dt_s, faulty_jerk_density - motion.jerk_density)
     innovate(z, r, imm)
     recovery_pruned = doubles_pruned and imm.nis < PRUNE_RECOVERY_BELOW_NIS
     if doubles_pruned and not recovery_pruned:
@@ -279,7 +309,7 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     for j in SINGLE_OFFSETS:
         single[BB, j] += p.offset_noise**2
     update_single_faults(imm, z, r, p)
-    weigh_single_faults(imm, mu[HEALTHY], onset, motion, p)
+    weigh_single_faults(row, onset, r, motion, imm)
     imm.ended_probability[:] = 0.0
     if not recovery_pruned:
         branch_to_healthy(row, chances.end, SINGLE_FAULT_MODES if doubles_pruned else MODE_COUNT, z, r, imm)

@@ -1,0 +1,119 @@
+"""Bias, scale and latency of a speed are found from positions, within what receivers are."""
+
+import numpy as np
+import pytest
+from numba import njit
+
+from headway.core.estimation.imm.speed_calibration import (
+    CALIBRATION,
+    CalibrationParams,
+    calibration_variance,
+    initialise_calibration,
+    observe_dead_zone,
+    observe_speed_step,
+    predict_calibration,
+    update_calibration,
+)
+from headway.core.estimation.imm.step import headway_dtype, headway_params, step_row
+from headway.core.runtime.rows import readings, verdicts
+from headway.core.types.config import DetectorConfig
+
+CONFIG = DetectorConfig()
+P = headway_params(CONFIG)
+
+
+@njit
+def drive(row, read, p, results):
+    for k in range(read.size):
+        step_row(row, read[k], p, results[k])
+
+
+def calibrated(seed, bias_mps=0.0, scale=0.0, latency_s=0.0, v_amplitude_mps=8.0, n=3000):
+    """Return the calibration after five minutes of a car whose speed comes and goes."""
+    rng, h = np.random.default_rng(seed), 0.1
+    v = 15.0 + v_amplitude_mps * np.sin(0.02 * np.arange(n))
+    x = np.r_[0.0, np.cumsum(0.5 * h * (v[1:] + v[:-1]))]
+    read = readings(n)
+    read["t_s"] = h * np.arange(n)
+    read["x_m"] = x + rng.normal(0.0, 0.01, n)
+    read["v_mps"] = (v - latency_s * np.gradient(v, h) - bias_mps) / (1.0 + scale) + rng.normal(0.0, 0.01, n)
+    bank = np.zeros(1, headway_dtype(CONFIG.delay_s))
+    drive(bank[0], read, P, verdicts(n))
+    return bank[0]["calibration"]
+
+
+@pytest.mark.parametrize("scale", [-0.02, 0.0, 0.03])
+def test_a_speed_that_is_off_by_a_share_of_itself_is_found(scale: float) -> None:
+    found = calibrated(1, scale=scale)
+    assert found["scale"] == pytest.approx(scale, abs=0.003)
+    assert found["latency_s"] == pytest.approx(0.0, abs=0.01)
+
+
+@pytest.mark.parametrize("bias_mps", [-0.2, 0.0, 1.0])
+def test_a_bias_is_found_where_it_cannot_be_told_from_a_scale(bias_mps: float) -> None:
+    """The published simulator's followers have up to 1 m/s, a worn tyre a tenth of that."""
+    found = calibrated(2, bias_mps=bias_mps, v_amplitude_mps=0.2)
+    assert found["bias_mps"] + 15.0 * found["scale"] == pytest.approx(bias_mps, abs=0.03)
+
+
+@pytest.mark.parametrize("latency_s", [-0.2, 0.0, 0.1])
+def test_how_old_the_speed_is_beside_the_position_is_found(latency_s: float) -> None:
+    assert calibrated(3, latency_s=latency_s)["latency_s"] == pytest.approx(latency_s, abs=0.02)
+
+
+def test_the_bias_at_rest_is_another_than_that_in_motion() -> None:
+    """Positions wander at rest, and a wheel that is worn does not turn: neither says anything of the other."""
+    row, p = np.zeros(1, CALIBRATION)[0], CalibrationParams()
+    initialise_calibration(row, p)
+    for v, bias_mps in [(15.0, 0.1)] * 300 + [(0.0, -0.02)] * 300 + [(15.0, 0.1)]:
+        predict_calibration(row, 0.1, v, 0.0)
+        expected = 0.1 * (bias_mps - row["bias_mps"] - v * row["scale"])
+        update_calibration(row, expected, 1e-4, p)
+        row["sensitivity"] *= 0.1
+    assert row["bias_mps"] + 15.0 * row["scale"] == pytest.approx(0.1, abs=0.01)
+    predict_calibration(row, 0.1, 0.0, 0.0)
+    assert row["bias_mps"] == pytest.approx(-0.02, abs=0.01)
+
+
+@pytest.mark.parametrize(("least_mps", "dead_zone_mps"), [(0.05, 0.15), (0.3, 0.3), (0.5, 0.4)])
+def test_the_dead_zone_of_a_sensor_is_what_it_never_reports(least_mps: float, dead_zone_mps: float) -> None:
+    row, p = np.zeros(1, CALIBRATION)[0], CalibrationParams()
+    initialise_calibration(row, p)
+    for v in np.linspace(least_mps, 2.0, 200):
+        observe_dead_zone(row, v, p)
+    assert row["dead_zone_mps"] == pytest.approx(dead_zone_mps, abs=0.02)
+
+
+@pytest.mark.parametrize("scale", [0.2, -0.3])
+def test_nothing_is_learnt_beyond_what_receivers_are(scale: float) -> None:
+    assert abs(calibrated(4, scale=scale)["scale"]) <= CalibrationParams().scale_max
+
+
+def test_it_is_a_kalman_filter_of_the_three() -> None:
+    """Against the textbook's update in matrices, with a filter that keeps a tenth of its error at a reading."""
+    p = CalibrationParams()._replace(bias_walk_mps=0.0, latency_walk_s=0.0, scale_walk=0.0)
+    rng, row = np.random.default_rng(5), np.zeros(1, CALIBRATION)[0]
+    initialise_calibration(row, p)
+    mean, cov, c = np.zeros(3), np.diag([p.bias_std_mps, p.latency_std_s, p.scale_std]) ** 2, np.zeros(3)
+    for _ in range(20):
+        v, a, nu, s = rng.uniform(5.0, 25.0), rng.normal(0.0, 1.0), rng.normal(0.0, 0.01), 1e-3
+        assert predict_calibration(row, 0.1, v, a) == pytest.approx(0.1 * np.array([1.0, a, v]) @ mean)
+        c += 0.1 * np.array([1.0, a, v])
+        assert calibration_variance(row) == pytest.approx(c @ cov @ c, rel=1e-9)
+        gain = cov @ c / (c @ cov @ c + s)
+        bound = 3.0 * np.sqrt(c @ cov @ c + s)
+        change = gain * np.clip(nu, -bound, bound)
+        assert update_calibration(row, nu, s, p) == pytest.approx(c @ change, rel=1e-9)
+        mean, cov = mean + change, cov - np.outer(gain, c @ cov)
+        np.testing.assert_allclose([row["bias_mps"], row["latency_s"], row["scale"]], mean, rtol=1e-9)
+        row["sensitivity"] *= 0.1
+        c *= 0.1
+
+
+@pytest.mark.parametrize("step_mps", [0.02, 0.1, 0.11176, 1.0 / 3.6])
+def test_the_step_of_reported_speeds_is_found(step_mps: float) -> None:
+    row, p = np.zeros(1, CALIBRATION)[0], CalibrationParams()
+    initialise_calibration(row, p)
+    for v in 15.0 + 5.0 * np.sin(0.05 * np.arange(300)):
+        observe_speed_step(row, step_mps * np.round(v / step_mps), p)
+    assert row["speed_step_mps"] == pytest.approx(step_mps, rel=0.35)
