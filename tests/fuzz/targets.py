@@ -8,6 +8,7 @@ import random
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import msgpack
 from edge.codec.messages import GATEWAY, KEYS, RECEIVED_US, as_map, record
@@ -17,6 +18,7 @@ from feeds.test_cam_json import ITS_CLIENT, VANETZA
 from feeds.test_j2735_json import ode, raw
 from feeds.test_uper import WRAPPED
 from fuzz.drives import drive, drive_seeds
+from fuzz.recordings import FUZZED, reader_of, seeds
 
 from headway.core.estimation.registry import MODELS
 from headway.core.types.outcome import Outcome
@@ -126,5 +128,6 @@ TARGETS: dict[str, Target] = {
     "j2735 uper": codec(encodings.J2735_UPER, bsm_uper_seeds),
     "cam uper": codec(encodings.CAM_UPER, cam_uper_seeds),
     "cam json": codec(encodings.CAM_JSON, cam_json_seeds),
+    **{f"file {word}": Target(partial(seeds, word), reader_of(word), at_once=10) for word in FUZZED},
     **{f"engine {model}": engine(model) for model in MODELS},
 }

@@ -76,12 +76,16 @@ def _row(one: _Seen, drive: str, counts: dict[str, int], *, is_geo: bool) -> Row
         counts.clear()
     count = counts.get(one.vehicle, 0)
     counts[one.vehicle] = count + 1
-    lat, lon = (one.y, one.x) if is_geo else ORIGIN.lat_lon(one.x, one.y)
+    try:
+        lat, lon = (one.y, one.x) if is_geo else ORIGIN.lat_lon(one.x, one.y)
+        t_us = START_US + round(one.t_s * 1e6)
+    except (ValueError, OverflowError):
+        return Row(one.number, {}, drive, Refusal(MALFORMED, "a number that is no place or time"))
     record: Record = {
         "v": WIRE_VERSION,
         "id": one.vehicle,
         "msg_cnt": count % 128,
-        "t_us": START_US + round(one.t_s * 1e6),
+        "t_us": t_us,
         "lat": lat,
         "lon": lon,
         "speed_mps": one.speed_mps,

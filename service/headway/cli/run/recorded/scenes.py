@@ -9,14 +9,17 @@ from typing import Any, Final
 from rich.console import Console
 
 from headway.cli.run.recorded.refusals import Reading, Refusals
-from headway.feeds.refusal import UNAVAILABLE
+from headway.feeds.refusal import MALFORMED, UNAVAILABLE, Refusal
 from headway.gateways.recordings.formats import AUTO, BSM, open_recordings, recognised
 from headway.gateways.recordings.reader import RecordingError
 from headway_loadtest.sources import SourceError, sumo
 from headway_schemas.bsm import NEEDED
+from headway_schemas.fields import T_US_MAX
+from headway_schemas.keys import is_id
 
 _OF_LOAD_GENERATOR: Final = "datawsu"
 """Its reader adds the vehicle ahead, which is in another file."""
+_NUMBERS: Final = ("lat", "lon", "speed_mps", "heading_deg", "accel_mps2", "accuracy_m", "length_m", "msg_cnt")
 
 
 def is_recorded(reading: Reading) -> bool:
@@ -59,15 +62,28 @@ class RecordedRows:
                 for located in chain.from_iterable(recordings.chunks):
                     if located.refusal is not None:
                         refusals.add(located, *located.refusal)
-                    elif all(located.record.get(name) is not None for name in NEEDED):
-                        yield located.drive, located.record
+                    elif located.record and (problem := _problem(located.record)) is not None:
+                        refusals.add(located, *problem)
                     elif located.record:
-                        refusals.add(located, UNAVAILABLE, "a reading without a value")
+                        yield located.drive, located.record
         except RecordingError as error:
             raise SourceError(str(error)) from None
         if not self.shown:
             self.shown = True
             refusals.show()
+
+
+def _problem(record: dict[str, Any]) -> Refusal | None:
+    """Return why a record cannot be sent: a value is missing, or of another type. Ranges are the service's business."""
+    missing = next((name for name in NEEDED if record.get(name) is None), None)
+    if missing is not None:
+        return Refusal(UNAVAILABLE, f"{missing}: no value")
+    wrong = next((name for name in _NUMBERS if type(record.get(name, 0)) not in (int, float, type(None))), None)
+    if type(record["id"]) is not str or not is_id(record["id"]):
+        wrong = "id"
+    elif type(record["t_us"]) is not int or not 0 <= record["t_us"] <= T_US_MAX:
+        wrong = "t_us"
+    return None if wrong is None else Refusal(MALFORMED, f"{wrong}: not a value of its kind")
 
 
 class FieldReader:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Final, NamedTuple
 
 from headway.gateways.recordings.reader import RecordingError, Source
+from headway_schemas.fields import T_US_MAX
 
 _PACKET_MAX: Final = 1 << 20
 _CLASSIC: Final = {
@@ -55,7 +56,7 @@ def packets(source: Source) -> Iterator[Packet]:
     try:
         for link_type, time_ns, data in walk(source):
             number += 1
-            received_us = None if time_ns is None else time_ns // _NS_PER_US
+            received_us = None if time_ns is None or time_ns // _NS_PER_US > T_US_MAX else time_ns // _NS_PER_US
             yield Packet(number, received_us, udp_payload(link_type, data))
     except (_Cut, struct.error):
         if not number:
@@ -73,7 +74,10 @@ def _exactly(source: Source, size: int) -> bytes:
 
 
 def _classic(source: Source) -> Iterator[tuple[int, int | None, bytes]]:
-    order, ns_per_fraction = _CLASSIC[_exactly(source, 4)]
+    form = _CLASSIC.get(_exactly(source, 4))
+    if form is None:
+        raise source.error("neither pcap nor pcapng")
+    order, ns_per_fraction = form
     link_type = struct.unpack(f"{order}HHiIII", _exactly(source, 20))[-1] & 0x0FFF_FFFF
     while head := source.stream.read(16):
         seconds, fraction, size, _ = struct.unpack(f"{order}IIII", head)
@@ -107,7 +111,7 @@ def _pcapng(source: Source) -> Iterator[tuple[int, int | None, bytes]]:
 def _interface(order: str, body: bytes) -> _Interface:
     link_type = struct.unpack_from(f"{order}H", body)[0]
     ns_per_tick, at = 1000.0, 8
-    while at + 4 <= len(body):
+    while at + 4 < len(body):
         code, size = struct.unpack_from(f"{order}HH", body, at)
         if code == _TIME_RESOLUTION and size >= 1:
             resolution = body[at + 4]

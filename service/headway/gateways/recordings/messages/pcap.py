@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from headway.feeds.j2735_json import messages_in
-from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, Refusal
+from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNREADABLE_TIME, Refusal
 from headway.feeds.uper import NAMES, read_bsms
 from headway.gateways.recordings.messages.ode import j2735_record, row_of
 from headway.gateways.recordings.messages.packets import Packet, packets, recognise
@@ -17,6 +17,7 @@ from headway_schemas.bsm import WIRE_VERSION
 
 __all__ = ["read", "recognise"]
 _AT_ONCE: Final = 1_000
+_NO_TIME: Final = Refusal(UNREADABLE_TIME, "a packet without a time")
 _NO_PAYLOAD: Final = Refusal(OTHER_MESSAGE, "no whole UDP datagram")
 
 
@@ -24,11 +25,14 @@ def read(source: Source) -> Iterator[Row]:
     """Yield the messages in the order of reception; raises `RecordingError`."""
     waiting = packets(source)
     while some := list(islice(waiting, _AT_ONCE)):
-        uper = [packet for packet in some if packet.payload is not None and not _is_json(packet.payload)]
+        whole = [packet for packet in some if packet.payload is not None and packet.received_us is not None]
+        uper = [packet for packet in whole if not _is_json(packet.payload or b"")]
         rows = dict(zip((packet.number for packet in uper), _decoded(uper), strict=True))
         for packet in some:
             if packet.payload is None:
                 yield Row(packet.number, {}, refusal=_NO_PAYLOAD)
+            elif packet.received_us is None:
+                yield Row(packet.number, {}, refusal=_NO_TIME)
             elif packet.number in rows:
                 yield rows[packet.number]
             else:

@@ -43,7 +43,11 @@ def _records(
     first = next(rows, None)
     if first is None:
         return
-    cars = [int(found[1]) for name in names if (found := _SPEED.fullmatch(name)) and f"Lat{found[1]}" in names]
+    cars = [
+        int(found[1])
+        for name in names
+        if (found := _SPEED.fullmatch(name)) and {f"Lat{found[1]}", f"Lon{found[1]}"} <= set(names)
+    ]
     unit = "rad" if all(_is_radians(first, names.index(f"Lat{car}")) for car in cars) else "deg"
     readers = [
         TableReader(
