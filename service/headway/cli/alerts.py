@@ -46,7 +46,9 @@ def export(
     vehicle: OfVehicle = None,
     form: Annotated[
         str | None,
-        typer.Option("--format", help="jsonl with evidence; csv or parquet without. By default OUT's ending."),
+        typer.Option(
+            "--format", help="jsonl with evidence; csv or parquet without; mr: ETSI reports. By default OUT's ending."
+        ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite OUT without a question.")] = False,
 ) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from headway.cli.run.alerts import in_one_line
+from headway.cli.run.misbehaviour_report import write_reports
 from headway.cli.run.output_file import replaced
 from headway.edge.storage import journal_query
 from headway.errors import UserError
@@ -32,7 +33,9 @@ def writer(form: str | None, out: Path | None) -> Writer:
     chosen = form or ("jsonl" if out is None else out.suffix.lstrip("."))
     if chosen not in _WRITERS:
         wanted = f"--format {form}" if form else f"{out}"
-        raise UserError(f"{wanted}: choose jsonl, csv or parquet, as the ending of the file or with --format")
+        raise UserError(
+            f"{wanted}: choose jsonl, csv or parquet, as the ending of the file or with --format, or --format mr"
+        )
     if chosen == "parquet" and out is None:
         raise UserError("--format parquet is no text: name a file to write")
     return _WRITERS[chosen]
@@ -109,4 +112,9 @@ def _output(out: Path | None) -> Iterator[IO[bytes]]:
         yield file
 
 
-_WRITERS: Final[dict[str, Writer]] = {"jsonl": write_lines, "csv": write_csv, "parquet": write_parquet}
+_WRITERS: Final[dict[str, Writer]] = {
+    "jsonl": write_lines,
+    "csv": write_csv,
+    "parquet": write_parquet,
+    "mr": write_reports,
+}
