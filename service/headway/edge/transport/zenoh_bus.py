@@ -44,6 +44,8 @@ _BACKOFF_S: Final = (0.5, 10.0)
 """First and longest pause between two attempts to open."""
 _RECEIVE_BYTES: Final = 64 << 20
 """Most bytes received at once, before the loop goes on."""
+_CLOSED_AFTER_NS: Final = 5_000_000_000
+"""zenoh reports the end of a connection within this time after the put that waited for it."""
 _MESSAGE_BYTES_MAX: Final = 1 << 24
 """zenoh drops larger messages, which bounds the memory that a sender can claim."""
 
@@ -141,8 +143,10 @@ class ZenohBus:
         self._wanted = dict.fromkeys(Channel, True)
         self._incoming: zenoh.handlers.Handler[zenoh.Sample] | None = None
         self._polled_us = self._polled_ns = 0
-        self._alert_put_ns: int | None = None
+        self._put_since_ns: int | None = None
         """Since when an alert is being put; None: none is."""
+        self._blocked_ns: int | None = None
+        """When the last put of an alert ended that had waited about as long as one may."""
         self.disconnected_subscribers = 0
         """Peers disconnected because they took no alerts."""
         self._session: zenoh.Session | None = None
@@ -257,14 +261,16 @@ class ZenohBus:
 
         def put() -> None:
             if is_alert:
-                self._alert_put_ns = self._clock.monotonic_ns()
+                self._put_since_ns = self._clock.monotonic_ns()
             try:
                 session.put(
                     key, payload, encoding=channel.value, congestion_control=congestion, priority=_PRIORITY[channel]
                 )
             finally:
                 if is_alert:
-                    self._alert_put_ns = None
+                    if self._has_waited(self._put_since_ns):
+                        self._blocked_ns = self._clock.monotonic_ns()
+                    self._put_since_ns = None
 
         worker.put(put)
 
@@ -352,11 +358,17 @@ class ZenohBus:
             self._peers.discard(peer)
             self._log_disconnected(peer)
 
+    def _has_waited(self, since_ns: int | None) -> bool:
+        """Whether a put that began then has waited so long that zenoh is about to disconnect a peer."""
+        return since_ns is not None and self._clock.monotonic_ns() - since_ns > 0.5e9 * self._config.block_timeout_s
+
     def _log_disconnected(self, peer: str) -> None:
-        """Name a peer that is disconnected while an alert waits for it as long as one may wait."""
-        since_ns = self._alert_put_ns
-        if since_ns is None or self._clock.monotonic_ns() - since_ns < 0.5e9 * self._config.block_timeout_s:
+        """Name a peer that is disconnected while an alert waits, or soon after one waited as long as one may."""
+        blocked_ns = self._blocked_ns
+        is_after = blocked_ns is not None and self._clock.monotonic_ns() - blocked_ns < _CLOSED_AFTER_NS
+        if not (is_after or self._has_waited(self._put_since_ns)):
             return
+        self._blocked_ns = None
         self.disconnected_subscribers += 1
         _log.warning(
             "subscriber disconnected: it took no alert for block_timeout_s",
