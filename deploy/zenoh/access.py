@@ -18,7 +18,7 @@ from typing import Any
 NAME = re.compile("[A-Za-z0-9_.~-]{1,64}")
 PLACE = re.compile('"@(cert_common_names|usernames)@"')
 
-PUBLISHED = ["{site}/alert/*/*", "{site}/pair/*/state", "{site}/rejected/*", "{site}/health/*"]
+PUBLISHED = ["{site}/alert/*/*", "{site}/pair/*/state", "{site}/quality/*", "{site}/rejected/*", "{site}/health/*"]
 ASKED = ["{site}/alerts", "{site}/pairs"]
 ALIVE = ["{prefix}/@headway/*"]
 

@@ -3,7 +3,7 @@
 from headway_schemas.bsm import WIRE_VERSION, Bsm, Leader
 from headway_schemas.event import Event, Evidence, Innovation, Kind, Phase, Recovered, Sensor
 from headway_schemas.keys import Keys
-from headway_schemas.state import Health, PairState, RejectedCopy
+from headway_schemas.state import Health, PairState, RejectedCopy, SensorQuality
 
 __all__ = [
     "WIRE_VERSION",
@@ -20,4 +20,5 @@ __all__ = [
     "Recovered",
     "RejectedCopy",
     "Sensor",
+    "SensorQuality",
 ]

@@ -17,6 +17,7 @@ CAM_JSON: Final = "application/json;cam"
 
 EVENT_JSON: Final = "application/json;event.v1"
 PAIR_STATE_JSON: Final = "application/json;pair_state.v1"
+SENSOR_QUALITY_JSON: Final = "application/json;sensor_quality.v1"
 HEALTH_JSON: Final = "application/json;health.v1"
 REJECTED_JSON: Final = "application/json;rejected.v1"
 

@@ -16,7 +16,7 @@ from headway_schemas import encodings
 from headway_schemas.bsm import NEEDED, Bsm, Leader
 from headway_schemas.event import Event, Kind
 from headway_schemas.keys import ID_PATTERN, Keys
-from headway_schemas.state import Health, PairState, RejectedCopy
+from headway_schemas.state import Health, PairState, RejectedCopy, SensorQuality
 
 SCHEMAS: Final = Path(__file__).resolve().parents[1]
 _DIALECT: Final = "https://json-schema.org/draft/2020-12/schema"
@@ -27,6 +27,7 @@ _PARAMETERS: Final[dict[str, dict[str, Any]]] = {
     "kind": {"description": "What the anomaly looks like.", "enum": [kind.value for kind in Kind]},
     "suspect": {"description": "Id of the vehicle whose reading is faulty."},
     "follower": {"description": "Id of the follower."},
+    "vehicle": {"description": "Id of the vehicle."},
     "reason": {"description": "Why the message was rejected."},
     "instance": {"description": "Id of one running service."},
 }
@@ -55,6 +56,7 @@ def _json_schemas() -> dict[str, dict[str, Any]]:
         "events": _list_of("event"),
         "pair_state": _written(PairState),
         "pair_states": _list_of("pair_state"),
+        "sensor_quality": _written(SensorQuality),
         "health": _written(Health),
         "rejected": _written(RejectedCopy),
     }
@@ -108,6 +110,9 @@ def _asyncapi() -> dict[str, Any]:
         "events": _message("History of events", encodings.EVENTS_JSON, "events"),
         "pairState": _message("State of a pair", encodings.PAIR_STATE_JSON, "pair_state"),
         "pairStates": _message("State of every pair", encodings.PAIR_STATES_JSON, "pair_states"),
+        "sensorQuality": _message(
+            "Quality of the sensors of a vehicle", encodings.SENSOR_QUALITY_JSON, "sensor_quality"
+        ),
         "health": _message("Health of one instance", encodings.HEALTH_JSON, "health"),
         "rejected": _message("Copy of a rejected message", encodings.REJECTED_JSON, "rejected"),
         "query": _QUERY,
@@ -116,6 +121,7 @@ def _asyncapi() -> dict[str, Any]:
         "bsm": _channel(keys.bsm("sender"), "bsmMsgpack", "bsmJson", *_FOREIGN),
         "alert": _channel(keys.alert("kind", "suspect"), "event"),
         "pairState": _channel(keys.pair_state("follower"), "pairState"),
+        "quality": _channel(keys.quality("vehicle"), "sensorQuality"),
         "rejected": _channel(keys.rejected("reason"), "rejected"),
         "health": _channel(keys.health("instance"), "health"),
         "liveliness": _channel(keys.liveliness("instance")),
@@ -135,6 +141,7 @@ def _asyncapi() -> dict[str, Any]:
             "readMessages": _operation("receive", "bsm", channels),
             "publishEvent": _operation("send", "alert", channels),
             "publishPairState": _operation("send", "pairState", channels),
+            "publishSensorQuality": _operation("send", "quality", channels),
             "publishRejected": _operation("send", "rejected", channels),
             "publishHealth": _operation("send", "health", channels),
             "declareLiveliness": _operation("send", "liveliness", channels),

@@ -75,6 +75,10 @@ class Keys:
         """Where the state of this follower's pair is put."""
         return self._under("pair", follower, "state")
 
+    def quality(self, vehicle: str) -> str:
+        """Where the quality of this vehicle's sensors is put."""
+        return self._under("quality", vehicle)
+
     def rejected(self, reason: str) -> str:
         """Where copies of messages rejected for `reason` are put."""
         return self._under("rejected", reason)
@@ -102,6 +106,11 @@ class Keys:
     def every_pair_state(self) -> str:
         """Subscription to the state of every pair of the site."""
         return f"{self.prefix}/{self.site}/pair/*/state"
+
+    @property
+    def every_quality(self) -> str:
+        """Subscription to the quality of every vehicle's sensors."""
+        return f"{self.prefix}/{self.site}/quality/*"
 
     @property
     def every_rejected(self) -> str:

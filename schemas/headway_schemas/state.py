@@ -43,6 +43,42 @@ class PairState(Message):
     gate: Number = None
 
 
+class QualityLevel(StrEnum):
+    """How much the readings of a vehicle show."""
+
+    GOOD = "good"
+    DEGRADED = "degraded"
+    """Small faults hide in an ordinary defect of the receiver."""
+    UNUSABLE = "unusable"
+    """Only large faults show, or the readings break a physical limit now."""
+
+
+class SensorQuality(Message):
+    """What the detector has learnt of the sensors of a vehicle. It is a state, never an alarm."""
+
+    site: Id
+    vehicle: Id
+    t_us: TUs
+    level: QualityLevel
+    position_noise_m: Number = None
+    """Standard deviation of a position at rest."""
+    position_wander_mps: Number = None
+    """Root of the random-walk density of the position, m per root second."""
+    position_age_s: Number = None
+    """How much older positions are than speeds."""
+    repeated_share: Number = None
+    """Share of the messages in motion that repeat the last position."""
+    speed_noise_mps: Number = None
+    speed_bias_mps: Number = None
+    """Speed over ground less the reported one, in motion."""
+    speed_scale: Number = None
+    """The same as a share of the speed."""
+    speed_step_mps: Number = None
+    """Step in which speeds are reported."""
+    clock_jitter_s: Number = None
+    """Scatter of the time stamps."""
+
+
 class Health(Message):
     """One instance of the service, as it reports itself."""
 

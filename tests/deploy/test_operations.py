@@ -125,6 +125,7 @@ def test_every_topic_is_told_with_its_encoding() -> None:
     assert documented == {
         keys.every_alert.replace("**", "<kind>/<suspect>"): encodings.EVENT_JSON,
         keys.every_pair_state.replace("*", "<follower>"): encodings.PAIR_STATE_JSON,
+        keys.every_quality.replace("*", "<vehicle>"): encodings.SENSOR_QUALITY_JSON,
         keys.every_rejected.replace("*", "<reason>"): encodings.REJECTED_JSON,
         keys.every_health.replace("*", "<instance>"): encodings.HEALTH_JSON,
         keys.alerts: encodings.EVENTS_JSON,

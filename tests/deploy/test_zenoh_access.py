@@ -207,12 +207,13 @@ def test_a_delete_and_an_oversized_payload_go_no_further(bus: Members) -> None:
 def test_only_the_service_tells_and_the_dashboard_hears_all_of_it(bus: Members) -> None:
     service, sender, watcher = bus.service(), bus.session("gw-north"), bus.session("dashboard")
     received: list[str] = []
-    for key in (KEYS.every_alert, KEYS.every_pair_state, KEYS.every_rejected, KEYS.every_health):
+    for key in (KEYS.every_alert, KEYS.every_pair_state, KEYS.every_quality, KEYS.every_rejected, KEYS.every_health):
         watcher.declare_subscriber(key, lambda sample: received.append(str(sample.key_expr)))
-    until(lambda: service.wanted(Channel.STATE) and service.wanted(Channel.REJECTED))
+    until(lambda: all(map(service.wanted, (Channel.STATE, Channel.QUALITY, Channel.REJECTED))))
     sent = {
         Channel.ALERT: KEYS.alert("bias", "a"),
         Channel.STATE: KEYS.pair_state("a"),
+        Channel.QUALITY: KEYS.quality("a"),
         Channel.REJECTED: KEYS.rejected("malformed"),
         Channel.HEALTH: KEYS.health("headway-local"),
     }

@@ -14,6 +14,7 @@ PUT = {
     "v2x/local/bsm/*": None,
     KEYS.alert("bias", "a"): SERVICE,
     KEYS.pair_state("a"): SERVICE,
+    KEYS.quality("a"): SERVICE,
     KEYS.rejected("malformed"): SERVICE,
     KEYS.health(SERVICE): SERVICE,
     KEYS.health("another"): None,
@@ -24,6 +25,7 @@ SUBSCRIBE = {
     KEYS.every_bsm: (KEYS.bsm(SENDER), SERVICE),
     KEYS.every_alert: (KEYS.alert("bias", "a"), DASHBOARD),
     KEYS.every_pair_state: (KEYS.pair_state("a"), DASHBOARD),
+    KEYS.every_quality: (KEYS.quality("a"), DASHBOARD),
     KEYS.every_rejected: (KEYS.rejected("malformed"), DASHBOARD),
     KEYS.every_health: (KEYS.health(SERVICE), DASHBOARD),
 }

@@ -1,10 +1,13 @@
 """A detector that says what it is told to."""
 
+from dataclasses import fields
+
 import numpy as np
 
 from headway.core.types.batch import Batch
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import READING, Kind, Sensor
+from headway.core.types.sensor_quality import QualityStates, SensorQualities
 from headway.core.types.step_result import AnomalyEvent, Evidence, PairStates, Phase, StepResult
 
 
@@ -53,6 +56,16 @@ class StubEngine:
             anomalous=rows == 1,
             silent=rows == 2,
             **columns,
+        )
+
+    def qualities(self, stride: int = 1, phase: int = 0) -> QualityStates:
+        rows = np.arange(phase, self.vehicles, stride)
+        numbers = {field.name: np.full(rows.size, 0.01) for field in fields(SensorQualities)}
+        return QualityStates(
+            vehicles=[f"car{row}" for row in rows],
+            t_us=np.full(rows.size, 5),
+            levels=rows % 3,
+            qualities=SensorQualities(**numbers),
         )
 
 

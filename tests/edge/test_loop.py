@@ -14,7 +14,7 @@ from headway.core.types.outcome import Outcome
 from headway.core.types.records import Sensor
 from headway.edge.codec.messages import DETAILS
 from headway.edge.transport.ports import Channel
-from headway_schemas import Event, Health, PairState, RejectedCopy
+from headway_schemas import Event, Health, PairState, RejectedCopy, SensorQuality
 
 
 def test_a_turn_hands_what_has_come_to_the_detector_in_one_batch() -> None:
@@ -142,6 +142,23 @@ def test_no_state_is_told_that_nobody_wants(rate_hz: float) -> None:
         rig.bus.unwanted.add(Channel.STATE)
     rig.iterate(seconds=2.0)
     assert rig.bus.on(Channel.STATE) == []
+
+
+def test_the_quality_of_each_vehicles_sensors_is_published_every_ten_seconds() -> None:
+    rig = Rig(StubEngine(vehicles=100))
+    rig.iterate(seconds=10.2)
+    published = [SensorQuality.model_validate_json(payload) for _, payload in rig.bus.on(Channel.QUALITY)]
+    assert {quality.vehicle for quality in published} == {f"car{n}" for n in range(100)}
+    assert len(published) == pytest.approx(100, abs=5)
+    assert {quality.vehicle: quality.level for quality in published}["car1"] == "degraded"
+    assert rig.bus.on(Channel.QUALITY)[0][0] == KEYS.quality(published[0].vehicle)
+
+
+def test_no_quality_is_published_that_nobody_wants() -> None:
+    rig = Rig(StubEngine(vehicles=100))
+    rig.bus.unwanted.add(Channel.QUALITY)
+    rig.iterate(seconds=3.0)
+    assert rig.bus.on(Channel.QUALITY) == []
 
 
 def test_the_question_for_all_pairs_is_answered_once_with_every_vehicle() -> None:

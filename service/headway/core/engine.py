@@ -6,6 +6,7 @@ import numpy as np
 
 from headway.core.site.housekeeping import Housekeeping
 from headway.core.site.pair_states import pair_states
+from headway.core.site.quality_states import quality_states
 from headway.core.site.rounds import RoundProcessor
 from headway.core.site.snapshots import restore_snapshot, take_snapshot
 from headway.core.site.state import SiteState
@@ -13,6 +14,7 @@ from headway.core.tracking import reception
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
+from headway.core.types.sensor_quality import QualityStates
 from headway.core.types.snapshot import Snapshot
 from headway.core.types.step_result import PairStates, RecordVerdicts, StepResult, StepTally
 
@@ -72,6 +74,10 @@ class Engine:
     def states(self, stride: int = 1, phase: int = 0) -> PairStates:
         """Return the vehicles whose row is `phase` modulo `stride`, as columns."""
         return pair_states(self._site, stride, phase)
+
+    def qualities(self, stride: int = 1, phase: int = 0) -> QualityStates | None:
+        """Return what is known of the sensors of the same vehicles; None where the model learns nothing of them."""
+        return quality_states(self._site, stride, phase)
 
     def snapshot(self, stride: int = 1, phase: int = 0) -> Snapshot:
         """Return copies of the state of the vehicles whose row is `phase` modulo `stride`.

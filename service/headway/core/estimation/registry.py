@@ -12,9 +12,12 @@ from headway.core.estimation.car_following import IdmParams
 from headway.core.estimation.delay_buffers import input_ring, slots
 from headway.core.estimation.delayed_ekf import FilterParams, step_batch
 from headway.core.estimation.imm import step
+from headway.core.estimation.imm.sensor_quality import sensor_qualities
 from headway.core.runtime.rows import BatchKernel, readings, verdicts
 from headway.core.statistics.fault_shape import EPISODE
 from headway.core.types.config import DetectorConfig
+from headway.core.types.records import Records
+from headway.core.types.sensor_quality import SensorQualities
 
 READINGS_PER_HOUR = 36_000
 """At the nominal 10 Hz of SAE J2945/1."""
@@ -28,6 +31,8 @@ class Model:
     dtype: np.dtype[np.void]
     params: Any
     step_batch: BatchKernel
+    sensor_qualities: Callable[[Records], SensorQualities] | None = None
+    """What the rows tell of the sensors; None for a model that learns nothing of them."""
 
     def warm_up(self) -> None:
         """Compile or load `step_batch`.
@@ -89,7 +94,7 @@ def _paper(name: str, order: int, config: DetectorConfig) -> Model:
 
 def _headway(config: DetectorConfig) -> Model:
     dtype = step.headway_dtype(config.delay_s)
-    return Model("headway", dtype, step.headway_params(config), step.step_batch)
+    return Model("headway", dtype, step.headway_params(config), step.step_batch, sensor_qualities)
 
 
 MODELS: dict[str, Callable[[DetectorConfig], Model]] = {

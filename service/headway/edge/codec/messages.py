@@ -1,18 +1,21 @@
 """What the service publishes, as messages of the wire contract."""
 
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any, Final, NamedTuple
 
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Sensor
+from headway.core.types.sensor_quality import QualityLevel, QualityStates
 from headway.core.types.step_result import AnomalyEvent, PairStates, Phase
 from headway.edge.codec.evidence import to_wire
 from headway.edge.identity import Identity
 from headway.edge.transport.message import Rejection
 from headway_schemas import event as wire
+from headway_schemas import state as wire_state
 from headway_schemas.fields import Message
 from headway_schemas.keys import is_id
-from headway_schemas.state import PairState, RejectedCopy, Standing
+from headway_schemas.state import PairState, RejectedCopy, SensorQuality, Standing
 
 DETAILS: Final = {
     Outcome.TOO_OLD: "event time further behind the receipt than max_age_s",
@@ -98,6 +101,23 @@ def state_messages(states: PairStates, site: str) -> Iterator[PairState]:
     for follower, leader, t_us, standing, *numbers in columns:
         fields: dict[str, Any] = dict(zip(_STATE_NUMBERS.values(), numbers, strict=True))
         yield PairState(site=site, follower=follower, leader=leader, t_us=t_us, standing=standing, **fields)
+
+
+def quality_messages(states: QualityStates, site: str) -> Iterator[SensorQuality]:
+    """Yield the quality of the sensors of each vehicle."""
+    names = [field.name for field in fields(states.qualities)]
+    columns = zip(
+        states.vehicles,
+        states.t_us.tolist(),
+        states.levels.tolist(),
+        *(getattr(states.qualities, name).tolist() for name in names),
+        strict=True,
+    )
+    for vehicle, t_us, level, *numbers in columns:
+        found: dict[str, Any] = dict(zip(names, numbers, strict=True))
+        yield SensorQuality(
+            site=site, vehicle=vehicle, t_us=t_us, level=wire_state.QualityLevel(QualityLevel(level).label), **found
+        )
 
 
 _STATE_NUMBERS: Final = {

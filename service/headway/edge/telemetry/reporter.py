@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
-from headway.edge.codec.messages import encode, state_messages
+from headway.edge.codec.messages import encode, quality_messages, state_messages
 from headway.edge.context import ServiceContext
 from headway.edge.telemetry.process import rss_mb
 from headway.edge.transport.ports import Channel, Query
@@ -15,6 +15,8 @@ from headway_schemas.encodings import PAIR_STATES_JSON
 
 _SLICES: Final = 64
 """States are published, and queries for them answered, a 64th of the vehicles at a time."""
+_QUALITY_INTERVAL_S: Final = 10.0
+"""The quality of each vehicle's sensors, which changes within minutes, is published as often."""
 _DONE: Final = object()
 
 
@@ -28,7 +30,7 @@ class ReportConfig:
 
 
 class Reporter:
-    """Publishes the state of each vehicle in rotation and health at an interval, and answers queries."""
+    """Publishes state and sensor quality of each vehicle in rotation, and health at an interval; answers queries."""
 
     def __init__(self, config: ReportConfig, context: ServiceContext) -> None:
         self._config = config
@@ -39,7 +41,8 @@ class Reporter:
         self._bus = context.bus
         self._persistence = context.persistence
         self._state_ns = self._health_ns = context.clock.monotonic_ns()
-        self._slice = 0
+        self._quality_ns = self._state_ns
+        self._slice = self._quality_slice = 0
         self._answers: deque[Iterator[None]] = deque()
 
     def tick(self, now_ns: int) -> None:
@@ -50,6 +53,9 @@ class Reporter:
         if now_ns >= self._state_ns:
             self._state_ns = now_ns + self._slice_interval_ns()
             self._publish_slice()
+        if now_ns >= self._quality_ns:
+            self._quality_ns = now_ns + int(_QUALITY_INTERVAL_S / _SLICES * 1e9)
+            self._publish_quality()
         self._answer()
 
     def publish_health(self) -> None:
@@ -67,6 +73,15 @@ class Reporter:
         self._slice = (self._slice + 1) % _SLICES
         for state in state_messages(self._engine.states(_SLICES, self._slice), self._identity.site):
             self._bus.publish(Channel.STATE, self._keys.pair_state(state.follower), encode(state))
+
+    def _publish_quality(self) -> None:
+        if not self._bus.wanted(Channel.QUALITY):
+            return
+        self._quality_slice = (self._quality_slice + 1) % _SLICES
+        states = self._engine.qualities(_SLICES, self._quality_slice)
+        if states is not None:
+            for quality in quality_messages(states, self._identity.site):
+                self._bus.publish(Channel.QUALITY, self._keys.quality(quality.vehicle), encode(quality))
 
     def _answer(self) -> None:
         query = self._bus.next_query()

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from headway.core.types.outcome import Outcome
 from headway.edge.transport.message import ReceivedMessage
-from headway_schemas.encodings import EVENT_JSON, HEALTH_JSON, PAIR_STATE_JSON, REJECTED_JSON
+from headway_schemas.encodings import EVENT_JSON, HEALTH_JSON, PAIR_STATE_JSON, REJECTED_JSON, SENSOR_QUALITY_JSON
 
 
 @unique
@@ -15,6 +15,7 @@ class Channel(Enum):
 
     ALERT = EVENT_JSON
     STATE = PAIR_STATE_JSON
+    QUALITY = SENSOR_QUALITY_JSON
     REJECTED = REJECTED_JSON
     HEALTH = HEALTH_JSON
 

@@ -53,6 +53,7 @@ _PRIORITY: Final = {
     Channel.ALERT: zenoh.Priority.INTERACTIVE_HIGH,
     Channel.HEALTH: zenoh.Priority.DATA_HIGH,
     Channel.STATE: zenoh.Priority.DATA_LOW,
+    Channel.QUALITY: zenoh.Priority.DATA_LOW,
     Channel.REJECTED: zenoh.Priority.BACKGROUND,
 }
 
@@ -187,6 +188,7 @@ class ZenohBus:
             session.info.declare_link_events_listener(self._on_link, history=True),
             session.info.declare_transport_events_listener(self._on_transport, history=True),
             self._watch_subscribers(session, Channel.STATE, keys.every_pair_state),
+            self._watch_subscribers(session, Channel.QUALITY, keys.every_quality),
             self._watch_subscribers(session, Channel.REJECTED, keys.every_rejected),
             *(session.declare_queryable(key, self._query_handler(key)) for key in self._queryables),
             session.liveliness().declare_token(keys.liveliness(self._config.instance)),
