@@ -12,8 +12,14 @@ from typer.testing import CliRunner
 from headway.cli.app import app
 from headway.cli.run.recorded.refusals import Reading
 from headway.cli.run.replay import Request, frames_of
+from headway.edge.codec.decoder import Codec
+from headway.edge.transport.message import ReceivedMessage
 from headway.errors import UserError
 from headway_loadtest.sources import SourceError
+from headway_loadtest.traffic.encode import Encoder
+from headway_loadtest.traffic.schedule import Schedule
+from headway_schemas.encodings import BSM_MSGPACK
+from headway_schemas.keys import Keys
 
 
 def request(*sources: str, inject: str | None = None, seconds: float = 1.0) -> Request:
@@ -86,6 +92,25 @@ def test_every_format_is_replayed_as_it_is(tmp_path: Path) -> None:
         assert {vehicle.id for frame in played for vehicle in frame.entering} == set(made.ids), name
         lat = np.sort(np.concatenate([frame.lat for frame in played]))
         assert lat == pytest.approx(np.sort([one.lat for one in READINGS]), abs=1e-7), name
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_the_service_decodes_every_message_that_is_replayed(tmp_path: Path, name: str) -> None:
+    MADE[name].write(tmp_path / name)
+    keys, codec = Keys("v2x", "local"), Codec(Keys("v2x", "local"))
+    encoder = Encoder(keys)
+    frames, _ = frames_of(request(str(tmp_path / name), seconds=60.0))
+    schedule = Schedule(start_ns=0, start_unix_us=ABSOLUTE_US)
+    messages = [
+        ReceivedMessage(str(key), payload, BSM_MSGPACK, True, batch.last_event_us, 0)
+        for batch in encoder.batches(frames, schedule)
+        for key, payload in zip(batch.keys, batch.payloads, strict=True)
+    ]
+    decoded = codec.decode(messages)
+    assert decoded.rejections == []
+    assert len(decoded.batch) == len(READINGS)
+    speeds = np.sort([one.speed_mps for one in READINGS])
+    assert np.sort(decoded.batch.speed_mps) == pytest.approx(speeds, abs=0.011)
 
 
 def test_drives_of_other_days_are_replayed_one_after_the_other(tmp_path: Path) -> None:

@@ -155,6 +155,19 @@ def test_other_messages_are_named_and_no_row_at_all_is_an_error(tmp_path: Path) 
         rows_of(path)
 
 
+@pytest.mark.parametrize("indent", [None, 1])
+def test_messages_may_be_spread_over_lines_and_in_an_array(tmp_path: Path, indent: int | None) -> None:
+    path, lines = tmp_path / "a.json", tmp_path / "lines.json"
+    messages = list(map(ode_message, READINGS))
+    MADE["ode.json"].write(lines)
+    path.write_text("\n".join(json.dumps(message, indent=1) for message in messages))
+    assert records_of(path) == records_of(lines)
+    path.write_text(json.dumps(messages, indent=indent))
+    assert records_of(path) == records_of(lines)
+    path.write_text(json.dumps(messages, indent=indent)[:-40])
+    assert records_of(path) == records_of(lines)[:-1]
+
+
 def test_ground_truth_is_apart_from_the_records(tmp_path: Path) -> None:
     path = tmp_path / "a.json"
     own = {"type": 2, "rcvTime": 0.0, "pos": [1.0, 2.0, 0.0], "spd": [1.0, 0.0, 0.0]}

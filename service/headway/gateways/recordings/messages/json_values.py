@@ -1,4 +1,4 @@
-"""JSON values of a recording: one in each line, or the elements of one array that need not fit memory."""
+"""JSON values of a recording: one in each line, over several lines, or the elements of an array of any length."""
 
 import codecs
 import json
@@ -31,7 +31,8 @@ NOT_JSON: Final = _NotJson()
 def json_values(source: Source) -> Iterator[Value]:
     """Yield the values of a recording; blank lines are left out."""
     head = source.head.removeprefix(_BOM).lstrip()
-    return _elements(source) if head[:1] == b"[" else _lines(source)
+    is_spread = head[:1] == b"[" or head.partition(b"\n")[0].strip() == b"{"
+    return _elements(source) if is_spread else _lines(source)
 
 
 def text_lines(source: Source) -> Iterator[tuple[int, bytes | None]]:
@@ -67,7 +68,7 @@ def _elements(source: Source) -> Iterator[Value]:
         text = text.lstrip(_BETWEEN if number else _BETWEEN + "[\ufeff")
         try:
             content, end = decoder.raw_decode(text)
-            if end == len(text):  # a number may go on in the next block
+            if end == len(text) and not isinstance(content, dict | list):  # a number may go on in the next block
                 raise ValueError  # noqa: TRY301
         except (ValueError, RecursionError):
             block = source.stream.read1(_BLOCK) if len(text) < _VALUE_MAX else b""
