@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from gateways.gateway_process import running
+from sim.loopback import free_endpoint, session
 from sim.until import until
 
 confluent_kafka = pytest.importorskip("confluent_kafka", reason="the extra kafka is not installed")
@@ -15,7 +17,9 @@ confluent_kafka = pytest.importorskip("confluent_kafka", reason="the extra kafka
 from headway.errors import UserError  # noqa: E402
 from headway.gateways.frame_queue import FrameQueue  # noqa: E402
 from headway.gateways.kafka import KafkaAlerts, KafkaConsumer  # noqa: E402
-from headway_schemas.frames import Frame  # noqa: E402
+from headway_schemas.encodings import J2735_ODE  # noqa: E402
+from headway_schemas.frames import Frame, unpack  # noqa: E402
+from headway_schemas.keys import Keys  # noqa: E402
 
 TOPIC = "topic.OdeBsmJson"
 
@@ -170,6 +174,36 @@ def test_alerts_are_keyed_by_their_suspect(cluster: Cluster) -> None:
     assert (message.key(), message.value()) == (b"a", b"{}")
     reader.close()
     alerts.close()
+
+
+def test_the_command_goes_both_ways(cluster: Cluster) -> None:
+    keys, endpoint = Keys("v2x", "crossing"), free_endpoint()
+    messages: list[tuple[str, str, str]] = []
+    place = f"--broker {cluster.brokers} --site crossing --connect {endpoint}"
+    reader = confluent_kafka.Consumer(
+        {"bootstrap.servers": cluster.brokers, "group.id": "r", "auto.offset.reset": "earliest"}
+    )
+    reader.subscribe(["headway.alerts"])
+    with session("peer", listen=(endpoint,)) as bus:
+        bus.declare_subscriber(
+            keys.every_bsm,
+            lambda s: messages.extend(
+                (str(s.key_expr), str(s.encoding), frame.source) for frame in unpack(s.payload.to_bytes(), 500)
+            ),
+        )
+        produce(cluster.brokers, range(1))
+        with running(f"kafka {place} --topic {TOPIC} --name ode"):
+            until(lambda: produce(cluster.brokers, range(1)) or messages, 60.0)
+        with running(f"kafka {place} --alerts"):
+
+            def arrived() -> bool:
+                bus.put(keys.alert("bias", "a"), b"{}")
+                message = reader.poll(0.1)
+                return message is not None and not message.error() and message.value() == b"{}"
+
+            until(arrived, 60.0)
+    assert messages[0] == (keys.bsm("gw-ode"), J2735_ODE, TOPIC)
+    reader.close()
 
 
 def test_a_wrong_option_is_named(queue: FrameQueue) -> None:

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from sim.loopback import free_endpoint
+from gateways.gateway_process import running
+from sim.loopback import free_endpoint, session
 from sim.until import until
 
 paho = pytest.importorskip("paho.mqtt.client", reason="the extra mqtt is not installed")
@@ -17,7 +18,9 @@ from paho.mqtt.enums import CallbackAPIVersion  # noqa: E402
 from headway.errors import UserError  # noqa: E402
 from headway.gateways.frame_queue import FrameQueue  # noqa: E402
 from headway.gateways.mqtt import MqttClient, host_port  # noqa: E402
-from headway_schemas.frames import Frame  # noqa: E402
+from headway_schemas.encodings import CAM_JSON  # noqa: E402
+from headway_schemas.frames import Frame, unpack  # noqa: E402
+from headway_schemas.keys import Keys  # noqa: E402
 
 MOSQUITTO = shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 needs_broker = pytest.mark.skipif(MOSQUITTO is None, reason="needs mosquitto (Debian: apt-get install mosquitto)")
@@ -143,6 +146,32 @@ def test_alerts_wait_for_a_broker_and_go_below_a_topic(broker: Broker) -> None:
     until(lambda: not gateway.send(alert))
     reader.loop_stop()
     gateway.close()
+
+
+@needs_broker
+def test_the_command_goes_both_ways(broker: Broker) -> None:
+    """Messages of the broker reach a subscriber of the bus, alerts of the bus a subscriber of the broker."""
+    keys, endpoint = Keys("v2x", "crossing"), free_endpoint()
+    messages: list[tuple[str, str, bytes]] = []
+    alerts: list[tuple[str, bytes]] = []
+    sender = Sender(broker.port)
+    sender.client.on_message = lambda _c, _d, message: alerts.append((message.topic, message.payload))
+    sender.client.subscribe("headway/#", 1)
+    place = f"--broker 127.0.0.1:{broker.port} --site crossing --connect {endpoint}"
+    with session("peer", listen=(endpoint,)) as bus:
+        bus.declare_subscriber(
+            keys.every_bsm,
+            lambda s: messages.extend(
+                (str(s.key_expr), str(s.encoding), frame.payload) for frame in unpack(s.payload.to_bytes(), 500)
+            ),
+        )
+        with running(f"mqtt {place} --topic 5g/outQueue/v2x/cam/+/# --name mec"):
+            until(lambda: sender.send(5) or messages)
+        with running(f"mqtt {place} --alerts"):
+            until(lambda: bus.put(keys.alert("bias", "a"), b"{}") or alerts)
+    assert messages[0] == (keys.bsm("gw-mec"), CAM_JSON, b'{"n": 5}')
+    assert alerts[0] == ("headway/crossing/alert/bias/a", b"{}")
+    sender.close()
 
 
 def test_addresses_of_brokers() -> None:
