@@ -63,12 +63,13 @@ browser: venv  ## the dashboard in a real browser (Debian: apt-get install chrom
 	@command -v chromium google-chrome >/dev/null || { echo 'make browser needs Chromium: apt-get install chromium'; exit 1; }
 	$(BIN)/python -m pytest tests/browser -m browser
 
-wheel: venv  ## the built wheel in an empty environment: the demo from there
+wheel: venv  ## the built wheel in an empty environment: the demo and the library from there
 	rm -rf dist build/wheel
 	$(BIN)/python -m build
 	$(PYTHON) -m venv build/wheel
 	build/wheel/bin/pip install --quiet --disable-pip-version-check --constraint constraints.txt dist/*.whl
 	cd build && wheel/bin/headway demo --seconds 20
+	cd build && wheel/bin/python -c 'from headway import Detector, sample_recording; print(*(event.suspect for event in Detector().process(sample_recording()).events))'
 
 format: venv  ## rewrite in the house format
 	$(BIN)/ruff check --fix .

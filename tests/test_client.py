@@ -1,3 +1,5 @@
+import doctest
+import threading
 import time
 from collections.abc import Callable, Iterator
 
@@ -5,7 +7,8 @@ import pytest
 import zenoh
 from fake_service import START_US, Service, Traffic, bus, event, free_port, health, service
 
-from headway.client import BusFeed, SiteMessage
+from headway import client
+from headway.client import BusFeed, SiteMessage, alerts, history
 from headway.errors import UserError
 from headway_schemas import Event, Health, PairState, Phase, RejectedCopy
 from headway_schemas.query import EVENTS, AlertsQuery
@@ -189,3 +192,36 @@ def test_a_malformed_endpoint_is_one_line_without_a_place_in_sources(endpoint: s
     assert str(refusal.value).startswith(f"{endpoint}: ")
     assert ".rs" not in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_alerts_are_an_iterator_of_events_that_ends_after_a_silence(endpoint: str) -> None:
+    with service(endpoint) as running:
+        received: list[Event] = []
+        listener = threading.Thread(target=lambda: received.extend(alerts(endpoint, timeout_s=2.0)))
+        listener.start()
+        while not received and listener.is_alive():
+            running.publish(health(1.0, START_US), event(1))
+            listener.join(0.1)
+        running.publish(event(2))
+        listener.join()
+    assert received[-1] == event(2)
+    assert all(one == event(1) for one in received[:-1])
+
+
+def test_history_holds_what_the_journals_answer() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with service(endpoint, [event(1), event(2, phase=Phase.CLEARED)]) as running:
+        answered = history(connect=endpoint, site=["local"])
+        assert len(history(AlertsQuery(phase=Phase.CLEARED), endpoint).events) == 1
+        assert running.journal[0].evidence is not None
+    assert {e.event_id for e in answered.events} == {"veh-0001-1", "veh-0002-2"}
+    assert (answered.answers, answered.problems) == (1, ())
+
+
+def test_a_site_that_is_no_chunk_of_a_key_is_refused() -> None:
+    with pytest.raises(UserError):
+        next(alerts(site="a/b"))
+
+
+def test_the_examples_of_the_docstrings_are_right() -> None:
+    assert doctest.testmod(client).failed == 0

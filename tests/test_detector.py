@@ -15,6 +15,7 @@ from made_recording import START_US, made_recording
 
 import headway
 from headway import detector as module
+from headway import sample
 from headway.detector import Detector, ReceivedError
 from headway.errors import UserError
 from headway.result import VERDICTS, Result
@@ -171,7 +172,7 @@ def test_a_picture_of_a_vehicle_shows_readings_and_estimates(result: Result) -> 
 
 
 def test_the_examples_in_the_docstrings_are_right() -> None:
-    for of in (headway, module):
+    for of in (headway, module, sample):
         assert doctest.testmod(of).failed == 0
 
 

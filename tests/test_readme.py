@@ -2,6 +2,8 @@
 
 import re
 import shlex
+import subprocess
+import sys
 from pathlib import Path
 
 import click
@@ -34,3 +36,14 @@ def test_the_first_replay_has_one_car_in_twenty_five_faulty() -> None:
         Request(Reading([words[2]]), "local", 1.0, options["--inject"], int(options["--seed"]), 600.0)
     )
     assert 25 * len({label.vehicle for label in frames.labels}) == int(words[2].partition(":")[2])
+
+
+def test_the_first_lines_of_python_print_the_events_of_the_sample() -> None:
+    code = re.search(r'python -c "(from headway import [^"]*)"', README)
+    assert code
+    done = subprocess.run([sys.executable, "-c", code[1]], capture_output=True, text=True, check=True)
+    lines = [line.split() for line in done.stdout.splitlines()]
+    assert lines[0][0] == "onset"
+    assert lines[-1][0] == "cleared"
+    assert {line[2] for line in lines} == {"speed"}
+    assert {line[3] for line in lines} == {"car-2"}

@@ -11,8 +11,9 @@ from headway import kernel_cache
 if TYPE_CHECKING:
     from headway.detector import Detector
     from headway.result import Result
+    from headway.sample import sample_recording
 
-__all__ = ["Detector", "Result", "__version__"]
+__all__ = ["Detector", "Result", "__version__", "sample_recording"]
 
 kernel_cache.use()
 
@@ -27,6 +28,10 @@ def __getattr__(name: str) -> Any:
         from headway.result import Result  # noqa: PLC0415
 
         return Result
+    if name == "sample_recording":
+        from headway.sample import sample_recording  # noqa: PLC0415
+
+        return sample_recording
     if name == "__version__":
         from headway.version import version  # noqa: PLC0415
 

@@ -1,8 +1,12 @@
-"""A client of the bus: subscribes to what the service publishes and queries its history."""
+"""A client of the bus: subscribes to what the service publishes and queries its history.
+
+`alerts` and `history` are all that most programs need. `BusFeed` is what they, the dashboard and `headway watch` share.
+"""
 
 import contextlib
 import json
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -20,6 +24,9 @@ Message: TypeAlias = Event | PairState | Health | RejectedCopy
 
 BUFFER_LIMIT: Final = 50_000
 """Most messages that wait on one channel of a site; beyond it the oldest is dropped and counted."""
+DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
+DEFAULT_SITE: Final = "local"
+_POLL_S: Final = 0.02
 _OPEN_TIMEOUT_MS: Final = 2_000
 _RETRY_S: Final = 1.0
 _QUERY_TIMEOUT_S: Final = 5.0
@@ -75,6 +82,87 @@ class Feed(Protocol):
         """Leave the bus."""
 
 
+def alerts(
+    connect: str | Sequence[str] = DEFAULT_ENDPOINT,
+    *,
+    site: str | Sequence[str] = DEFAULT_SITE,
+    prefix: str = "v2x",
+    zenoh_config: Path | None = None,
+    timeout_s: float | None = None,
+) -> Iterator[Event]:
+    """Yield the event updates of running services as they are published.
+
+    Parameters
+    ----------
+    connect
+        zenoh endpoint of a service or a router, or several.
+    site
+        Site to listen to, or several.
+    prefix
+        First chunks of every key, as the service's setting `prefix`.
+    zenoh_config
+        JSON5 file of zenoh's own options, such as certificates.
+    timeout_s
+        Ends after so many seconds without an event update; None never ends, and waits for the bus without a limit.
+
+    Raises
+    ------
+    headway.errors.UserError
+        An endpoint, a site or the file is invalid.
+
+    Examples
+    --------
+    >>> for event in alerts("tcp/127.0.0.1:7999", timeout_s=0.1):
+    ...     print(event.phase, event.kind, event.sensor, event.suspect)
+    """
+    feed = BusFeed(_listed(connect), _listed(site), prefix=prefix, zenoh_config=zenoh_config, messages=(Event,))
+    with _running(feed):
+        last_s = time.monotonic()
+        while timeout_s is None or time.monotonic() < last_s + timeout_s:
+            for received in feed.drain():
+                last_s = time.monotonic()
+                if isinstance(received.message, Event):
+                    yield received.message
+            time.sleep(_POLL_S)
+
+
+def history(
+    query: AlertsQuery | None = None,
+    connect: str | Sequence[str] = DEFAULT_ENDPOINT,
+    *,
+    site: str | Sequence[str] = DEFAULT_SITE,
+    prefix: str = "v2x",
+    zenoh_config: Path | None = None,
+    timeout_s: float = 5.0,
+) -> History:
+    """Ask the journals of running services for event updates, newest first.
+
+    `query` holds the conditions; without it, these are the newest 100. The other parameters are those of `alerts`, and
+    `timeout_s` is how long to wait for the connection.
+
+    Raises
+    ------
+    headway.errors.UserError
+        An endpoint, a site or the file is invalid.
+
+    Examples
+    --------
+    >>> history(AlertsQuery(limit=5), "tcp/127.0.0.1:7999", timeout_s=0.1).answers
+    0
+    """
+    sites = _listed(site)
+    feed = BusFeed(_listed(connect), sites, prefix=prefix, zenoh_config=zenoh_config, messages=())
+    with _running(feed):
+        give_up_s = time.monotonic() + timeout_s
+        while not feed.connection.connected and time.monotonic() < give_up_s:
+            time.sleep(_POLL_S)
+        return feed.history(sites, query or AlertsQuery())
+
+
+def _listed(value: str | Sequence[str]) -> Sequence[str]:
+    return (value,) if isinstance(value, str) else value
+
+
 class _Buffer:
     """A bounded queue that one callback fills; it only copies and appends."""
 
@@ -101,7 +189,7 @@ class _Buffer:
 
 
 class BusFeed:
-    """A zenoh client of some sites. It waits for the bus without a limit and reconnects.
+    """A zenoh client of some sites, for some kinds of messages. It waits for the bus without a limit and reconnects.
 
     Raises
     ------
@@ -116,6 +204,7 @@ class BusFeed:
         *,
         prefix: str = "v2x",
         zenoh_config: Path | None = None,
+        messages: Sequence[type[Message]] = (Event, Health, PairState, RejectedCopy),
         buffer_limit: int = BUFFER_LIMIT,
     ) -> None:
         try:
@@ -134,6 +223,7 @@ class BusFeed:
                 (keys.every_pair_state, PairState),
                 (keys.every_rejected, RejectedCopy),
             )
+            if model in messages
         ]
         self._session: zenoh.Session | None = None
         self._closing = threading.Event()
@@ -216,6 +306,15 @@ class BusFeed:
         selector = f"{keys.alerts}?{query.to_parameters()}"
         with contextlib.suppress(zenoh.ZError):
             yield from self._session.get(selector, timeout=_QUERY_TIMEOUT_S, consolidation=zenoh.ConsolidationMode.NONE)
+
+
+@contextlib.contextmanager
+def _running(feed: BusFeed) -> Iterator[None]:
+    feed.start()
+    try:
+        yield
+    finally:
+        feed.close()
 
 
 def _configuration(connect: Sequence[str], file: Path | None) -> zenoh.Config:

@@ -6,7 +6,6 @@ It is the engine and the codec of the service. Time is what the records say: it 
 import sys
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -15,7 +14,6 @@ from numpy.typing import NDArray
 
 from headway import kernel_cache
 from headway.core.engine import Engine
-from headway.core.types.batch import I64, Batch
 from headway.core.types.identifiers import ID
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Sensor
@@ -40,7 +38,6 @@ _SENSORS: Final = np.array([sensor.label if sensor else "" for sensor in Sensor]
 _KINDS: Final = np.array([kind.label if kind else "" for kind in Kind])
 _NUMBERS: Final = ("statistic", "gate", "p_value", "x_m", "v_mps")
 _PLAIN: Final = {int, float, str, dict, type(None)}
-_FINISH_STEP_US: Final = 1_000_000
 
 
 class ReceivedError(ValueError):
@@ -93,7 +90,6 @@ class Detector:
             parameters=parameters(config, version(), kernel_cache.core_digest()),
         )
         self._ttl_us = int(1e6 * config.vehicle_ttl_s)
-        self._now_us = 0
         with kernel_cache.alone(), _compilation_message():
             self._engine.warm_up()
 
@@ -121,46 +117,24 @@ class Detector:
         records = chunk if isinstance(chunk, list | tuple) else records_of(columns_of(chunk))
         received_us = [_received_us(i, record) for i, record in enumerate(records)]
         decoded = self._codec.decode_records([_compact(record) for record in records], received_us)
-        found, outcomes = RecordVerdicts.empty(len(decoded.batch)), np.empty(len(decoded.batch), np.uint8)
-        events = self._step(decoded.batch, found, outcomes)
-        return _result(len(records), decoded, found, outcomes, events)
+        found = RecordVerdicts.empty(len(decoded.batch))
+        stepped = self._engine.step(decoded.batch, out=found)
+        return _result(len(records), decoded, found, stepped.outcomes, self._events(stepped.events))
 
     def finish(self) -> Result:
         """Let time pass until every event has ended, and every vehicle is evicted; returns those last events."""
         nothing, found = self._codec.decode_records([], []), RecordVerdicts.empty(0)
-        events: list[Event] = []
-        until_us = self._now_us + 2 * self._ttl_us
-        while self._engine.vehicles and self._now_us < until_us:
-            self._now_us += _FINISH_STEP_US
-            events += self._events(self._engine.step(nothing.batch, self._now_us).events)
-        return _result(0, nothing, found, np.empty(0, np.uint8), events)
-
-    def _step(self, batch: Batch, found: RecordVerdicts, outcomes: NDArray[np.uint8]) -> list[Event]:
-        events: list[Event] = []
-        for piece in _pieces(batch.received_us):
-            self._now_us = max(self._now_us, int(batch.received_us[piece].max()))
-            part = Batch(**{name: getattr(batch, name)[piece] for name in Batch.__dataclass_fields__})
-            into = RecordVerdicts(found.verdicts[piece], found.readings[piece], found.leader_ids[piece])
-            result = self._engine.step(part, self._now_us, out=into)
-            outcomes[piece] = result.outcomes
-            events += self._events(result.events)
-        return events
+        stepped = self._engine.step(nothing.batch, self._engine.now_us + 2 * self._ttl_us)
+        return _result(0, nothing, found, stepped.outcomes, self._events(stepped.events))
 
     def _events(self, events: Iterable[AnomalyEvent]) -> list[Event]:
         """Return the events as on the wire; of the latencies there is only the one that the records themselves tell."""
         made = []
         for event in events:
-            detected_us = event.received_us if event.evidence is not None else self._now_us
-            message = event_message(event, self._identity, Timing(detected_us, 0, 0, 0))
+            message = event_message(event, self._identity, Timing(event.detected_us, 0, 0, 0))
             latency_us = {Stage.WIRE: message.latency_us[Stage.WIRE]}
             made.append(message.model_copy(update={"latency_us": latency_us}))
         return made
-
-
-def _pieces(received_us: I64) -> Iterator[slice]:
-    cuts = np.flatnonzero(np.diff(received_us // 100_000)) + 1
-    edges = [0, *cuts.tolist(), received_us.size]
-    return (slice(a, b) for a, b in pairwise(edges) if b > a)
 
 
 def _received_us(place: int, record: Mapping[str, Any]) -> int | None:

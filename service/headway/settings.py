@@ -17,10 +17,10 @@ from enum import StrEnum, unique
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, ValidationError, WithJsonSchema, model_validator
 from pydantic_settings import BaseSettings, NoDecode, PydanticBaseSettingsSource, SettingsConfigDict
 
-from headway.core.types.config import DetectorConfig
+from headway.core.types.config import MODEL_NAMES, DetectorConfig
 from headway.errors import UserError
 from headway_schemas.keys import ID_PATTERN, sanitise_id
 
@@ -63,7 +63,15 @@ def _given(value: object) -> object:
 
 StateDir = Annotated[Path | None, BeforeValidator(_given)]
 Endpoints = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)]
-ModelName = Literal["ekf", "aekf", "headway"]
+
+
+def _known_model(value: str) -> str:
+    if value not in MODEL_NAMES:
+        raise ValueError("no such motion model")
+    return value
+
+
+ModelName = Annotated[str, AfterValidator(_known_model), WithJsonSchema({"type": "string", "enum": MODEL_NAMES})]
 
 
 def _setting(default: Any, description: str, unit: str = "", **bounds: Any) -> Any:

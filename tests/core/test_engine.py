@@ -129,11 +129,11 @@ def test_duplicate_and_out_of_order_have_names() -> None:
     assert labels(step(engine, one("a", START_US - STEP_US))) == ["out_of_order"]
 
 
-def test_records_of_one_vehicle_in_one_batch_are_taken_by_event_time() -> None:
+def test_records_of_one_vehicle_in_one_batch_are_taken_in_the_order_of_arrival() -> None:
     engine = Engine(CONFIG)
     times = [START_US + 2 * STEP_US, START_US, START_US + STEP_US, START_US]
-    result = engine.step(batch(["a"] * 4, [4, 0, 2, 0], [20] * 4, times), START_US + 3 * STEP_US)
-    assert labels(result) == ["warming", "warming", "warming", "duplicate"]
+    turn = engine.step(batch(["a"] * 4, [4, 0, 2, 0], [20] * 4, times), START_US + 3 * STEP_US)
+    assert labels(turn) == ["warming", "out_of_order", "out_of_order", "out_of_order"]
 
 
 def test_a_full_table_refuses_the_next_and_takes_it_when_others_are_forgotten() -> None:
@@ -153,19 +153,30 @@ def test_the_senders_counter_tells_of_missed_messages() -> None:
     assert step(engine, platoon.next()).sequence_gaps == 2
 
 
-def test_the_order_within_a_batch_has_no_effect() -> None:
-    rng = np.random.default_rng(5)
-    straight, shuffled = Engine(CONFIG), Engine(CONFIG)
-    one_platoon, other_platoon = Platoon(6), Platoon(6)
+def test_records_in_one_batch_give_what_they_give_one_by_one() -> None:
+    whole, single = Engine(CONFIG), Engine(CONFIG)
+    platoon = Platoon(6)
     for k in range(60):
-        shift = {"car2": 5.0} if 40 <= k < 44 else None
-        records, same = one_platoon.next(shift), other_platoon.next(shift)
-        order = rng.permutation(len(same))
-        mixed = Batch(**{f.name: getattr(same, f.name)[order] for f in fields(Batch)})
-        now_us = int(records.received_us.max())
-        a, b = straight.step(records, now_us), shuffled.step(mixed, now_us)
-        assert a.outcomes[order].tolist() == b.outcomes.tolist()
-        assert {(e.event_id, e.phase, e.nis) for e in a.events} == {(e.event_id, e.phase, e.nis) for e in b.events}
+        records = platoon.next({"car2": 5.0} if 40 <= k < 44 else None)
+        together = step(whole, records)
+        singles = [{f.name: getattr(records, f.name)[i : i + 1] for f in fields(Batch)} for i in range(len(records))]
+        apart = [step(single, Batch(**columns)) for columns in singles]
+        assert together.outcomes.tolist() == [int(one.outcomes[0]) for one in apart]
+        separate = [event for one in apart for event in one.events]
+        assert [(e.event_id, e.phase, e.nis) for e in together.events] == [
+            (e.event_id, e.phase, e.nis) for e in separate
+        ]
+
+
+def test_an_event_is_cleared_when_its_vehicle_is_evicted() -> None:
+    engine, platoon = Engine(CONFIG), Platoon(2)
+    drive(engine, platoon, 50)
+    [onset] = step(engine, platoon.next({"car1": 8.0})).events
+    gone_us = onset.received_us + round((CONFIG.vehicle_ttl_s + 1) * 1e6)
+    [cleared] = engine.step(batch([], [], [], []), gone_us).events
+    assert (cleared.event_id, cleared.phase, cleared.suspect) == (onset.event_id, Phase.CLEARED, "car1")
+    assert (cleared.t_us, cleared.evidence) == (onset.t_us, None)
+    assert 0 <= cleared.detected_us - onset.received_us - CONFIG.vehicle_ttl_s * 1e6 <= 100_000
 
 
 def test_silence_among_sending_neighbours_is_a_miss_after_a_second_until_the_next_message() -> None:

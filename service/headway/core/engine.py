@@ -1,17 +1,20 @@
 """The live door of the core: a batch of records in; the outcome of each, and the events they cause, out."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
 from headway.core.site.housekeeping import Housekeeping
 from headway.core.site.pair_states import pair_states
+from headway.core.site.passing_time import PassingTime
 from headway.core.site.quality_states import quality_states
-from headway.core.site.rounds import RoundProcessor
+from headway.core.site.rounds import RoundProcessor, Slot
+from headway.core.site.slot_end import SlotEnd
 from headway.core.site.snapshots import restore_snapshot, take_snapshot
 from headway.core.site.state import SiteState
 from headway.core.tracking import reception
-from headway.core.types.batch import Batch
+from headway.core.types.batch import Batch, columns
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
 from headway.core.types.sensor_quality import QualityStates
@@ -24,13 +27,20 @@ class Engine:
 
     def __init__(self, config: DetectorConfig) -> None:
         self._site = SiteState(config)
-        self._rounds = RoundProcessor(self._site)
+        self._slot_end = SlotEnd(self._site)
         self._housekeeping = Housekeeping(self._site)
+        self._time = PassingTime(self._site, self._slot_end, self._housekeeping)
+        self._rounds = RoundProcessor(self._site, self._slot_end)
 
     @property
     def vehicles(self) -> int:
         """Vehicles known now."""
         return len(self._site.vehicles)
+
+    @property
+    def now_us(self) -> int:
+        """Time until which it has processed: of the newest record or step."""
+        return self._time.now_us
 
     @property
     def pairs(self) -> int:
@@ -50,17 +60,29 @@ class Engine:
         return {event.event_id for log in logs for event in log}
 
     def step(
-        self, batch: Batch, now_us: int, clock_offset_us: int = 0, out: RecordVerdicts | None = None
+        self,
+        batch: Batch,
+        now_us: int | None = None,
+        clock_offset_us: int = 0,
+        out: RecordVerdicts | None = None,
     ) -> StepResult:
-        """Process a batch at local time `now_us` (microseconds); an empty batch lets time pass.
+        """Process a batch in the order of arrival, then let time pass until local time `now_us` (microseconds).
 
-        Local time is that of `received_us` and never leaps. With `clock_offset_us` added it is Unix time, against which
-        the age of a record is measured. The order of the records within a batch has no effect: they are processed by
-        event time. `out`, if given, is filled with what was found of each record.
+        Without `now_us`, time passes until the newest record. Local time is that of `received_us` and never leaps. With
+        `clock_offset_us` added it is Unix time, against which the age of a record is measured. The same records in
+        other batches give the same results. `out`, if given, is filled with what was found of each record.
         """
-        tally = StepTally(records=out)
-        outcomes = self._rounds.process(batch, now_us, clock_offset_us, tally) if len(batch) else np.empty(0, np.uint8)
-        self._housekeeping.run(now_us, tally)
+        tally, outcomes = StepTally(), np.empty(len(batch), np.uint8)
+        if len(batch):
+            numbers = columns(batch)
+            received_us, starts = self._time.receive(numbers.received_us)
+            whole = Slot(batch.ids, batch.leader_ids, numbers._replace(received_us=received_us), outcomes, out)
+            for start, stop in pairwise([*starts, len(batch)]):
+                self._time.pass_until(int(received_us[start]), tally)
+                self._rounds.process(whole.part(start, stop) if len(starts) > 1 else whole, clock_offset_us, tally)
+            self._time.pass_until(int(received_us[-1]), tally)
+        if now_us is not None:
+            self._time.pass_until(now_us, tally)
         return tally.result(outcomes)
 
     def ignore_gaps_before(self, until_us: int) -> None:
@@ -93,6 +115,8 @@ class Engine:
         of the core. No vehicle is silent before `now_us`, because the service did not receive then.
         """
         vehicles = restore_snapshot(self._site, snapshot, now_us)
+        self._time.start(now_us)
+        self._slot_end.resume()
         self._housekeeping.count_pairs()
         return vehicles
 
@@ -100,6 +124,7 @@ class Engine:
         """Compile or load every kernel, on two vehicles of another engine: this one does not change."""
         other = Engine(replace(self._site.config, vehicle_capacity=2))
         for k in range(2):
+            other._slot_end.resume()
             other.step(_example(k), now_us=1 + k * 100_000)
         other.states()
         site = other._site

@@ -85,9 +85,9 @@ def test_a_miss_starts_and_ends_under_one_id() -> None:
     vehicles = VehicleTable(2)
     follower, leader = vehicles.admit(["a", "b"])
     log = MissLog(vehicles, 2)
-    onset = log.start(follower, leader, 5 * S, 6 * S)
+    onset = log.start(follower, leader, 5 * S, 6 * S, 7 * S)
     assert (onset.phase, onset.kind, onset.suspect, onset.leader) == (Phase.ONSET, Kind.MISS, "a", "b")
     assert log.active[follower]
-    cleared = log.end(follower, -1, 8 * S, 9 * S)
+    cleared = log.end(follower, -1, 8 * S, 9 * S, 9 * S)
     assert (cleared.phase, cleared.event_id, cleared.leader) == (Phase.CLEARED, onset.event_id, None)
     assert len(log) == 0

@@ -11,10 +11,11 @@ def test_a_vehicle_keeps_its_row_and_a_stranger_has_none() -> None:
     assert table.id_of[row] == "a"
 
 
-def test_the_order_of_arrival_is_of_no_account() -> None:
+def test_vehicles_get_rows_in_the_order_of_their_arrival() -> None:
     one, other = VehicleTable(3), VehicleTable(3)
     one.admit(["b", "a", "c"])
-    other.admit(["c", "b", "a"])
+    for vehicle in ("b", "a", "c"):
+        other.admit([vehicle])
     assert one.id_of == other.id_of
 
 

@@ -15,8 +15,8 @@ import typer
 from pydantic import ValidationError
 from rich.console import Console
 
+from headway import client
 from headway.cli.run.bus import BusAccess
-from headway.client import BusFeed
 from headway.dashboard.fitted_table import FittedTable
 from headway.edge.storage import journal_query
 from headway.edge.storage.journal_format import reason_of
@@ -26,7 +26,6 @@ from headway.settings import load
 from headway_schemas.event import Event
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
-_CONNECT_S: Final = 5.0
 _AGO: Final = re.compile(r"-(?P<count>\d+(\.\d+)?)(?P<unit>[smhd])")
 _SECONDS: Final = {"s": 1, "m": 60, "h": 3_600, "d": 86_400}
 
@@ -119,15 +118,7 @@ def on_bus(event_id: str, bus: BusAccess, site: str) -> list[Event]:
         There is no such event, or no journal answers.
     """
     asked = _of_event(event_id)
-    feed = BusFeed(bus.endpoints, [site], prefix=bus.prefix, zenoh_config=bus.zenoh_config)
-    feed.start()
-    try:
-        give_up_s = time.monotonic() + _CONNECT_S
-        while not feed.connection.connected and time.monotonic() < give_up_s:
-            time.sleep(0.05)
-        found = feed.history([site], asked)
-    finally:
-        feed.close()
+    found = client.history(asked, bus.endpoints, site=site, prefix=bus.prefix, zenoh_config=bus.zenoh_config)
     if not found.answers:
         said = f" ({found.problems[0]})" if found.problems else ""
         where = ", ".join(bus.endpoints) or bus.zenoh_config

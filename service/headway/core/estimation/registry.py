@@ -15,7 +15,7 @@ from headway.core.estimation.imm import step
 from headway.core.estimation.imm.sensor_quality import sensor_qualities
 from headway.core.runtime.rows import BatchKernel, readings, verdicts
 from headway.core.statistics.fault_shape import EPISODE
-from headway.core.types.config import DetectorConfig
+from headway.core.types.config import MODEL_NAMES, DetectorConfig
 from headway.core.types.records import Records
 from headway.core.types.sensor_quality import SensorQualities
 
@@ -103,6 +103,13 @@ MODELS: dict[str, Callable[[DetectorConfig], Model]] = {
     "ekf": lambda config: _paper("ekf", 2, config),
     "aekf": lambda config: _paper("aekf", 3, config),
 }
+
+
+def register(name: str, build_model: Callable[[DetectorConfig], Model]) -> None:
+    """Add a motion model, so that `DetectorConfig.model` may name it; an earlier one of that name is replaced."""
+    MODELS[name] = build_model
+    if name not in MODEL_NAMES:
+        MODEL_NAMES.append(name)
 
 
 def build(config: DetectorConfig) -> Model:

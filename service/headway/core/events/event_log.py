@@ -63,6 +63,8 @@ class EventLog:
         self._evidence = evidence
         self._open: dict[int, _Open] = {}
         self.active: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
+        self.suspects: I64 = np.full(capacity, -1)
+        """(C,) row of the suspect of each open event; -1 without one."""
         self._cleared_us = np.zeros(capacity, np.int64)
 
     def __len__(self) -> int:
@@ -99,8 +101,7 @@ class EventLog:
         """Continue events of another log that suspect any of `rows` (n,), where this one has none yet."""
         wanted = set(rows[~self.active[rows]].tolist()) if len(other) else set()
         for event in other.release(wanted):
-            self._open[event.suspect] = event
-            self.active[event.suspect] = True
+            self._set(event.suspect, event)
 
     def release(self, suspects: set[int]) -> list[_Open]:
         """Close the newest event that names each of `suspects` (rows), without an event update, and return them."""
@@ -110,10 +111,55 @@ class EventLog:
             self.drop(row)
         return events
 
+    def of(self, rows: I64) -> list[int]:
+        """Return the rows of the open events that concern any of `rows` (n,), as the row itself or as the suspect."""
+        concerned = self.active & (np.isin(np.arange(self.active.size), rows) | np.isin(self.suspects, rows))
+        found: list[int] = np.flatnonzero(concerned).tolist()
+        return found
+
+    def end(self, row: int, t_us: int, received_us: int, now_us: int) -> AnomalyEvent:
+        """Close the event of a row before a vehicle is evicted; its last message was of `t_us`."""
+        event, unknown = self._open[row], float("nan")
+        follower, suspect = self._vehicles.id_of[row], self._vehicles.id_of[event.suspect]
+        assert follower is not None
+        assert suspect is not None
+        self.drop(row)
+        return AnomalyEvent(
+            event_id=event.event_id,
+            phase=Phase.CLEARED,
+            kind=event.kind,
+            sensor=event.sensor,
+            confidence=unknown,
+            suspect=suspect,
+            leader=None,
+            follower=follower,
+            t_us=t_us,
+            received_us=received_us,
+            detected_us=now_us,
+            nis=unknown,
+            gate=unknown,
+            statistic=unknown,
+            p_value=unknown,
+            nu=(unknown, unknown),
+            recovered=(unknown, unknown, unknown, unknown),
+            evidence=None,
+        )
+
+    def evict(self, row: int) -> None:
+        """Forget a row, without an event update."""
+        self.drop(row)
+        self._cleared_us[row] = 0
+
     def drop(self, row: int) -> None:
         """Close the event of a row, if any, without an event update."""
         self._open.pop(row, None)
         self.active[row] = False
+        self.suspects[row] = -1
+
+    def _set(self, row: int, event: _Open) -> None:
+        self._open[row] = event
+        self.active[row] = True
+        self.suspects[row] = event.suspect
 
     def snapshot(self, rows: I64) -> list[OpenEvent]:
         """Return the open events of `rows` (n,)."""
@@ -136,7 +182,7 @@ class EventLog:
     def restore(self, events: list[OpenEvent]) -> None:
         """Open these events without an event update."""
         for event in events:
-            self._open[event.row] = _Open(
+            restored = _Open(
                 event.event_id,
                 event.suspect,
                 Kind(event.kind),
@@ -146,7 +192,7 @@ class EventLog:
                 event.readings_below_gate,
                 event.kind_published,
             )
-            self.active[event.row] = True
+            self._set(event.row, restored)
 
     def _advance(self, of: _Subject, kind: int, sensor: int, *, anomalous: bool) -> Phase | None:
         row, t_us = of.row, of.t_us
@@ -154,8 +200,7 @@ class EventLog:
         if event is None:
             event_id = f"{self._vehicles.id_of[row]}-{t_us}{self._suffix}"
             published = Kind(kind) not in (Kind.SHORT, Kind.UNKNOWN)
-            self._open[row] = _Open(event_id, of.suspect, Kind(kind), Sensor(sensor), t_us, kind_published=published)
-            self.active[row] = True
+            self._set(row, _Open(event_id, of.suspect, Kind(kind), Sensor(sensor), t_us, kind_published=published))
             return Phase.ONSET
         if not anomalous:
             event.readings_below_gate += 1
@@ -169,6 +214,7 @@ class EventLog:
             kind = event.kind  # one more odd reading of a fault that is known already
         if (kind, sensor, of.suspect) != (event.kind, event.sensor, event.suspect):
             event.kind, event.sensor, event.suspect, event.changed = Kind(kind), Sensor(sensor), of.suspect, True
+            self.suspects[row] = of.suspect
         if t_us - event.updated_us < (CHANGE_AFTER_US if event.changed else UPDATE_EVERY_US):
             return None
         return self._publish(event, t_us)
@@ -194,6 +240,7 @@ class EventLog:
             follower=follower,
             t_us=of.t_us,
             received_us=of.received_us,
+            detected_us=of.received_us,
             nis=float(verdict["nis"]),
             gate=float(verdict["gate"]),
             statistic=float(verdict["statistic"]),

@@ -22,15 +22,15 @@ class MissLog:
         """Return the number of open misses."""
         return len(self._ids)
 
-    def start(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
+    def start(self, row: int, leader: int, t_us: int, last_received_us: int, now_us: int) -> AnomalyEvent:
         """Open the miss of a row, silent since its message of event time `t_us`, received at `last_received_us`."""
         self._ids[row] = f"{self._vehicles.id_of[row]}-{t_us}-{Kind.MISS.label}"
         self.active[row] = True
-        return self._event(Phase.ONSET, row, leader, t_us, last_received_us)
+        return self._event(Phase.ONSET, row, leader, t_us, last_received_us, now_us)
 
-    def end(self, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
+    def end(self, row: int, leader: int, t_us: int, last_received_us: int, now_us: int) -> AnomalyEvent:
         """Close the miss of a row that reappeared, or is evicted."""
-        event = self._event(Phase.CLEARED, row, leader, t_us, last_received_us)
+        event = self._event(Phase.CLEARED, row, leader, t_us, last_received_us, now_us)
         del self._ids[row]
         self.active[row] = False
         return event
@@ -50,7 +50,9 @@ class MissLog:
             self._ids[miss.row] = miss.event_id
             self.active[miss.row] = True
 
-    def _event(self, phase: Phase, row: int, leader: int, t_us: int, last_received_us: int) -> AnomalyEvent:
+    def _event(
+        self, phase: Phase, row: int, leader: int, t_us: int, last_received_us: int, now_us: int
+    ) -> AnomalyEvent:
         suspect = self._vehicles.id_of[row]
         assert suspect is not None
         nothing = float("nan")
@@ -65,6 +67,7 @@ class MissLog:
             follower=suspect,
             t_us=t_us,
             received_us=last_received_us,
+            detected_us=now_us,
             nis=nothing,
             gate=nothing,
             statistic=nothing,

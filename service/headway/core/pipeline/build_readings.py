@@ -1,14 +1,15 @@
 """From tracks and pairing to readings: each vehicle's own values and the newest estimate of its leader.
 
-The leader's estimate excludes rejected readings. It is the estimate before this round, so the order of vehicles within
-a round has no effect.
+The leader's estimate excludes rejected readings.
 """
 
 import numpy as np
 from numba import njit
 
+from headway.core.pipeline.estimates import estimate_before
+from headway.core.pipeline.ordering import SLOT_US
 from headway.core.pipeline.tables import Tables
-from headway.core.tracking.pairing import NO_LEADER, leader_of
+from headway.core.tracking.pairing import NO_LEADER
 from headway.core.types.batch import I64, Columns
 from headway.core.types.records import READING, Records
 
@@ -33,15 +34,18 @@ def build_readings(tables: Tables, batch: Columns, rows: I64, places: I64, decla
         z.east_m, z.north_m = track.step_east_m, track.step_north_m
         z.heading_deg, z.accuracy_m = batch.heading_deg[places[i]], track.accuracy_m
         z.contradictions, track.contradictions = track.contradictions, 0
-        leader_row = leader_of(tracks, tables.pairing, rows[i])
-        leaders[i] = leader_row
-        if leader_row == NO_LEADER or abs(z.t_s - tables.verdict_t_s[leader_row]) > LEADER_STALE_S:
+        pair, leaders[i] = tables.pairing[rows[i]], NO_LEADER
+        if pair.leader_row == NO_LEADER or pair.generation != track.generation:
             continue
-        z.leader_t_s = tables.verdict_t_s[leader_row]
-        z.leader_x_m = tables.newest_verdicts[leader_row].x_m + tables.pairing[rows[i]].offset_m
-        z.leader_v_mps = tables.newest_verdicts[leader_row].v_mps
-        z.leader_length_m = tracks[leader_row].length_m
-        if declared_rows[places[i]] == leader_row:
+        leader = estimate_before(tables, pair.leader_row, batch.received_us[places[i]] // SLOT_US)
+        if leader.generation != pair.leader_generation:
+            continue
+        leaders[i] = pair.leader_row
+        if abs(z.t_s - leader.t_s) > LEADER_STALE_S:
+            continue
+        z.leader_t_s, z.leader_x_m = leader.t_s, leader.x_m + pair.offset_m
+        z.leader_v_mps, z.leader_length_m = leader.v_mps, leader.length_m
+        if declared_rows[places[i]] == leaders[i]:
             z.range_m = batch.range_m[places[i]]
             z.range_rate_mps = batch.range_rate_mps[places[i]]
     return readings, leaders

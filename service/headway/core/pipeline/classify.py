@@ -6,8 +6,11 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from headway.core.pipeline.estimates import store_estimate
 from headway.core.pipeline.ingest import Ingested
+from headway.core.pipeline.ordering import SLOT_US
 from headway.core.pipeline.tables import RoundParams, Tables
+from headway.core.types.batch import I64
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Records, Sensor
 
@@ -34,12 +37,13 @@ class Classified(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def store(tables: Tables, ingested: Ingested, verdicts: Records) -> NDArray[np.bool_]:
-    """Store each row's newest verdict and its event time; return (n,) whether the location is valid."""
+def store(tables: Tables, ingested: Ingested, received_us: I64, verdicts: Records) -> NDArray[np.bool_]:
+    """Store each row's newest verdict and estimate, received at `received_us` (B,); return (n,) valid locations."""
     rows, location_valid = ingested.rows, np.empty(ingested.rows.size, np.bool_)
     for i in range(rows.size):
         tables.newest_verdicts[rows[i]] = verdicts[i]
-        tables.verdict_t_s[rows[i]] = ingested.readings[i].t_s
+        slot, t_s = received_us[ingested.places[i]] // SLOT_US, ingested.readings[i].t_s
+        store_estimate(tables, rows[i], slot, t_s, verdicts[i])
         location_valid[i] = verdicts[i].sensor & _LOCATION == 0
     return location_valid
 

@@ -12,7 +12,7 @@ from headway.core.pipeline.finiteness import reset_not_finite
 from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.plausibility.checks import combine
-from headway.core.tracking.pairing import find_leaders
+from headway.core.tracking.pairing import searches_due
 from headway.core.tracking.tracks import extend_path_history
 from headway.core.types.batch import F64, I64
 from headway.core.types.outcome import Outcome
@@ -27,7 +27,8 @@ class Finalised(NamedTuple):
     """(n,) of PAIR_TEST_VERDICT."""
     nis: F64
     """Of the scored readings."""
-    leader_changes: int
+    search_due: I64
+    """Places among the n readings of those whose search for the leader is due."""
     resets: int
     """Filters initialised again because their numbers were not finite."""
 
@@ -39,32 +40,24 @@ _SCORED = np.uint8(Outcome.SCORED)
 def finalise(
     tables: Tables,
     ingested: Ingested,
-    declared_rows: I64,
-    now_us: int,
+    received_us: I64,
     params: RoundParams,
     out_outcomes: NDArray[np.uint8],
 ) -> Finalised:
-    """Update all tables with the verdicts (n,) of checks and model, and write the outcomes of the readings (B,)."""
+    """Update all tables with the verdicts (n,) of checks and model, and write the outcomes (B,).
+
+    `received_us` (B,) are the times of reception, all of one slot.
+    """
     rows, verdicts = ingested.rows, ingested.verdicts
     resets = reset_not_finite(tables, ingested, params.model_bytes)
     combine(tables.plausibility, rows, params.limits, verdicts)
-    location_valid = store(tables, ingested, verdicts)
+    location_valid = store(tables, ingested, received_us, verdicts)
     extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"], verdicts["S"][:, 0, 0])
-    leader_changes = find_leaders(
-        tables.tracks,
-        tables.pairing,
-        tables.grid,
-        rows,
-        declared_rows[ingested.places],
-        now_us,
-        params.pairing_range_m,
-        params.lane_width_m,
-        np.empty(rows.size, np.bool_),
-    )
+    search_due = searches_due(tables.tracks, tables.pairing, rows)
     pair_verdicts = np.zeros(rows.size, PAIR_TEST_VERDICT)
     substituted = substitute_rejected(ingested.readings, verdicts)
     step_pair_tests(tables.pair_tests, rows, ingested.leaders, substituted, params.pair_tests, pair_verdicts)
     classified = classify(tables, ingested, verdicts, pair_verdicts, params)
     out_outcomes[ingested.places] = classified.outcomes
     nis = verdicts["nis"][classified.outcomes == _SCORED]
-    return Finalised(classified, pair_verdicts, nis, leader_changes, resets)
+    return Finalised(classified, pair_verdicts, nis, search_due, resets)

@@ -10,7 +10,6 @@ from headway.core.events.evidence import store_readings
 from headway.core.pipeline.build_readings import build_readings
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.plausibility.checks import check_readings
-from headway.core.tracking.coverage import enter_cell
 from headway.core.tracking.reception import limit_us, pause_limit_us
 from headway.core.tracking.tracks import advance
 from headway.core.types.batch import I64, Columns
@@ -78,7 +77,6 @@ def ingest(
         step_us[n] = step_us[i] + batch.t_us[place]
         is_loss = advanced.sequence_gap[i] and not advanced.initialised[i]
         silence_limits_us[n] = silence_limits_us[i] if is_loss else pause_limits_us[i]
-        enter_cell(tables.coverage, tracks[rows[n]])
         n += 1
     places, rows = places[:n], rows[:n]
     readings, leaders = build_readings(tables, batch, rows, places, declared_rows)

@@ -9,7 +9,6 @@ from headway.core.consistency.pair_tests import PairTestParams
 from headway.core.events.evidence import EvidenceRings
 from headway.core.plausibility.limits import Limits
 from headway.core.tracking.spatial_index import Grid
-from headway.core.types.batch import F64
 from headway.core.types.records import Records
 
 
@@ -27,8 +26,10 @@ class Tables(NamedTuple):
     pair_tests: Records
     plausibility: Records
     newest_verdicts: Records
-    verdict_t_s: F64
-    """Event time of the newest verdict, s."""
+    estimates: Records
+    """What a follower reads of each vehicle,"""
+    earlier_estimates: Records
+    """and the newest of an earlier slot than that."""
     evidence: EvidenceRings
     filter_event_active: NDArray[np.bool_]
     pair_event_active: NDArray[np.bool_]

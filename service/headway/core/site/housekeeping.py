@@ -7,25 +7,19 @@ from headway.core.tracking import reception
 from headway.core.types.batch import I64
 from headway.core.types.step_result import StepTally
 
-EVERY_US = 100_000
-
 
 class Housekeeping:
-    """Housekeeping of one site, at most once in `EVERY_US` of local time."""
+    """Housekeeping of one site."""
 
     def __init__(self, site: SiteState) -> None:
         self._site = site
-        self._last_us = 0
         self._pseudonym_changed_us: I64 = np.zeros(site.config.vehicle_capacity, np.int64)
         """(C,) receive time of the last message before a silence that a change of pseudonym explains."""
         self.pairs = 0
         """Vehicles that have a leader; any thread may read it, unlike the tables."""
 
     def run(self, now_us: int, tally: StepTally) -> None:
-        """Start misses and evict vehicles as of local time `now_us`, if it is time to."""
-        if now_us - self._last_us < EVERY_US:
-            return
-        self._last_us = now_us
+        """Start misses and evict vehicles as of local time `now_us`."""
         rows = self._site.rows()
         leaders = self._site.leaders(rows)
         self._start_misses(rows, leaders, now_us, tally)
@@ -33,7 +27,7 @@ class Housekeeping:
         since_us = np.maximum(received_us, self._site.reception.absent_until_us)
         silent = now_us - since_us > self._site.config.vehicle_ttl_s * 1e6
         if silent.any():
-            self._evict(rows[silent], tally)
+            self._evict(rows[silent], now_us, tally)
             leaders = self._site.leaders(self._site.rows())
         self.pairs = int((leaders >= 0).sum())
 
@@ -62,13 +56,16 @@ class Housekeeping:
                 self._pseudonym_changed_us[row] = received_us[row]
             else:
                 t_us = int(tracks["t_us"][row])
-                tally.events.append(site.misses.start(row, int(leaders[i]), t_us, int(received_us[row])))
+                tally.events.append(site.misses.start(row, int(leaders[i]), t_us, int(received_us[row]), now_us))
 
-    def _evict(self, rows: I64, tally: StepTally) -> None:
-        """Evict these rows, and end their misses."""
+    def _evict(self, rows: I64, now_us: int, tally: StepTally) -> None:
+        """Evict these rows, and clear the open events that concern them."""
         site = self._site
+        t_us, received_us = site.tables.tracks["t_us"], site.tables.tracks["received_us"]
+        for log in (site.events, site.pair_events):
+            for row in log.of(rows) if len(log) else ():
+                tally.events.append(log.end(row, int(t_us[row]), int(received_us[row]), now_us))
         for row in rows[site.misses.active[rows]].tolist():
-            track = site.tables.tracks[row]
-            tally.events.append(site.misses.end(row, -1, int(track["t_us"]), int(track["received_us"])))
+            tally.events.append(site.misses.end(row, -1, int(t_us[row]), int(received_us[row]), now_us))
         site.evict(rows)
         tally.evicted += rows.size

@@ -64,6 +64,8 @@ def _tables(site: SiteState) -> dict[str, NDArray[Any]]:
         "pairing": tables.pairing,
         "bank": tables.bank,
         "verdicts": tables.newest_verdicts,
-        "verdict_t_s": tables.verdict_t_s,
+        "estimates": tables.estimates,
+        "earlier_estimates": tables.earlier_estimates,
         "first_received_us": site.first_received_us,
+        "declared_rows": site.declared_rows,
     }

@@ -6,11 +6,12 @@ from headway.core.events.event_log import EventLog
 from headway.core.events.evidence import EvidenceStore
 from headway.core.events.miss_log import MissLog
 from headway.core.pipeline.detectors import build_detectors
+from headway.core.pipeline.estimates import new_estimates
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.runtime import rows as banks
 from headway.core.tracking import tracks
 from headway.core.tracking.coverage import new_coverage
-from headway.core.tracking.pairing import leaders_of, new_pairing
+from headway.core.tracking.pairing import NO_LEADER, leaders_of, new_pairing
 from headway.core.tracking.reception import ReceptionMonitor
 from headway.core.tracking.spatial_index import new_grid
 from headway.core.tracking.vehicle_table import VehicleTable
@@ -31,6 +32,8 @@ class SiteState:
         self.reception = ReceptionMonitor()
         self.first_received_us: I64 = np.zeros(capacity, np.int64)
         """(C,) receive time of each vehicle's first message."""
+        self.declared_rows: I64 = np.full(capacity, NO_LEADER)
+        """(C,) row of the leader that each vehicle's last message declares."""
         self.evidence = EvidenceStore(bank, config.evidence_readings)
         self.events = EventLog(self.vehicles, self.evidence, capacity)
         self.pair_events = EventLog(self.vehicles, self.evidence, capacity, suffix="-link")
@@ -45,7 +48,8 @@ class SiteState:
             pair_tests=bank["pair_tests"],
             plausibility=bank["plausibility"],
             newest_verdicts=banks.verdicts(capacity),
-            verdict_t_s=np.zeros(capacity),
+            estimates=new_estimates(capacity),
+            earlier_estimates=new_estimates(capacity),
             evidence=self.evidence.rings,
             filter_event_active=self.events.active,
             pair_event_active=self.pair_events.active,
@@ -74,13 +78,14 @@ class SiteState:
         return leaders
 
     def evict(self, rows: I64) -> None:
-        """Free these rows in every table; their open events end without an update."""
+        """Free these rows in every table; open events end without an update."""
         for row in rows.tolist():
-            self.events.drop(row)
-            self.pair_events.drop(row)
+            self.events.evict(row)
+            self.pair_events.evict(row)
             self.misses.drop(row)
             self.vehicles.evict(row)
         tracks.evict(self.tables.tracks, rows)
         banks.wipe(self.tables.bank, rows)
-        banks.wipe(self.tables.newest_verdicts, rows)
+        for table in (self.tables.newest_verdicts, self.tables.estimates, self.tables.earlier_estimates):
+            banks.wipe(table, rows)
         self.evidence.clear(rows)

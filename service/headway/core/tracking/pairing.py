@@ -124,9 +124,7 @@ def find_leaders(
         row = rows[i]
         out_changed[i] = False
         track, pair = tracks[row], pairing[row]
-        if pair.generation != track.generation:
-            _initialise(pair, track)
-        if track.t_us - pair.search_us < SEARCH_EVERY_US - 33_000 + pair.phase_us:
+        if not _search_due(pair, track):
             continue
         pair.search_us = track.t_us
         near_count = find_near(grid, track, row, range_m, nearby, apart_squared)
@@ -135,6 +133,24 @@ def find_leaders(
         )
         changes += out_changed[i]
     return changes
+
+
+@njit(cache=True, error_model="numpy")
+def searches_due(tracks: Records, pairing: Records, rows: I64) -> I64:
+    """Return the places of those of `rows` (n,) whose search for the leader is due."""
+    places, count = np.empty(rows.size, np.int64), 0
+    for i in range(rows.size):
+        if _search_due(pairing[rows[i]], tracks[rows[i]]):
+            places[count] = i
+            count += 1
+    return places[:count]
+
+
+@njit(cache=True, error_model="numpy")
+def _search_due(pair: Any, track: Any) -> bool:
+    if pair.generation != track.generation:
+        _initialise(pair, track)
+    return bool(track.t_us - pair.search_us >= SEARCH_EVERY_US - 33_000 + pair.phase_us)
 
 
 @njit(cache=True, error_model="numpy")

@@ -32,12 +32,9 @@ class VehicleTable:
         return rows
 
     def admit(self, ids: Iterable[str]) -> list[int]:
-        """Assign a row to each new id, in sorted order, so the order of arrival has no effect; return the rows.
-
-        When the table is full, the remaining ids get no row.
-        """
+        """Assign a row to each new id, in this order, and return the rows; a full table leaves the last ids without."""
         assigned = []
-        for vehicle in sorted(ids):
+        for vehicle in ids:
             if not self._free:
                 break
             row = self._free.pop()

@@ -1,12 +1,16 @@
 """What an operator decides about detection, as one frozen value. Settings make it; the core only reads it."""
 
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, Final
 
 
 def _parameter(default: Any, description: str) -> Any:
     """Declare a field; `description` is what `headway config schema` and the operations guide print."""
     return field(default=default, metadata={"description": description})
+
+
+MODEL_NAMES: Final = ["ekf", "aekf", "headway"]
+"""Motion models that can be configured; `registry.register` adds to them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

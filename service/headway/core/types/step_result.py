@@ -49,6 +49,8 @@ class AnomalyEvent:
     t_us: int
     """Event time of the reading that caused this update."""
     received_us: int
+    detected_us: int
+    """Receive time that had come when it was found."""
     nis: float
     gate: float
     statistic: float
@@ -123,8 +125,6 @@ class StepTally:
     leader_changes: int = 0
     resets: int = 0
     failures: list[RoundFailure] = field(default_factory=list)
-    records: RecordVerdicts | None = None
-    """Filled record by record, if given."""
 
     def result(self, outcomes: NDArray[np.uint8]) -> StepResult:
         """Return the sums as a result; `outcomes` (B,)."""
