@@ -1,11 +1,12 @@
 """`headway evaluate`: offline experiments with the service's own core."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from headway.cli.options import AsJson
+from headway.cli.options import AsJson, options_as
 from headway.errors import UserError
 
 app = typer.Typer(no_args_is_help=True, help="Offline experiments with the service's own core.")
@@ -76,19 +77,27 @@ def pairs(
     raise typer.Exit(evaluate_pairs(paths, protocol, as_json=as_json, out=out))
 
 
+@dataclass(frozen=True)
+class FieldOptions:
+    """The options of `headway evaluate field` that say what is played."""
+
+    severity: Annotated[str, typer.Option(help="Variances of the injected faults, apart by commas.")] = "1,0.5,0.1"
+    degrade: Annotated[bool, typer.Option("--degrade", help="Ordinary defects of receivers and channels too.")] = False
+    attacks: Annotated[bool, typer.Option("--attacks", help="All attacks of F2MD and VeReMi-NextGen too.")] = False
+    attack: Annotated[list[str] | None, typer.Option(help="One attack; may be repeated.")] = None
+    minutes: Annotated[float, typer.Option(min=0.5, max=120, help="How long simulated traffic lasts.")] = 5.0
+    runs: Annotated[int, typer.Option(min=1, max=100, help="Realisations of faults and noise.")] = 3
+    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")] = 0
+    budget: Annotated[float, typer.Option(help="False alarms per vehicle and hour.")] = 1.0
+
+
 @app.command()
+@options_as(FieldOptions)
 def field(
     sources: Annotated[
         list[str], typer.Argument(help="Recordings of any format, folders of them, or sumo[:SCENARIO-DRIVER].")
     ],
-    severity: Annotated[str, typer.Option(help="Variances of the injected faults, apart by commas.")] = "1,0.5,0.1",
-    degrade: Annotated[bool, typer.Option("--degrade", help="Ordinary defects of receivers and channels too.")] = False,
-    attacks: Annotated[bool, typer.Option("--attacks", help="All attacks of F2MD and VeReMi-NextGen too.")] = False,
-    attack: Annotated[list[str] | None, typer.Option(help="One attack; may be repeated.")] = None,
-    minutes: Annotated[float, typer.Option(min=0.5, max=120, help="How long simulated traffic lasts.")] = 5.0,
-    runs: Annotated[int, typer.Option(min=1, max=100, help="Realisations of faults and noise.")] = 3,
-    seed: Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")] = 0,
-    budget: Annotated[float, typer.Option(help="False alarms per vehicle and hour.")] = 1.0,
+    options: FieldOptions,
     jobs: Annotated[int | None, typer.Option(min=1, help="Processes; by default one for each core.")] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for a Markdown report and the JSON.")] = None,
     as_json: AsJson = False,
@@ -103,15 +112,15 @@ def field(
     from headway_loadtest.evaluate.field.experiment import FieldProtocol
 
     protocol = FieldProtocol(
-        severities=_numbers("--severity", severity),
-        runs=runs,
-        seed=seed,
-        budget_per_hour=budget,
-        degrade=degrade,
-        attacks=tuple(ATTACKS) if attacks else tuple(attack or ()),
+        severities=_numbers("--severity", options.severity),
+        runs=options.runs,
+        seed=options.seed,
+        budget_per_hour=options.budget,
+        degrade=options.degrade,
+        attacks=tuple(ATTACKS) if options.attacks else tuple(options.attack or ()),
     )
     code = evaluate_field(
-        sources, protocol, minutes=minutes, as_json=as_json, out=out, processes=jobs, reader=FieldReader()
+        sources, protocol, minutes=options.minutes, as_json=as_json, out=out, processes=jobs, reader=FieldReader()
     )
     raise typer.Exit(code)
 

@@ -1,7 +1,11 @@
-"""The options that several commands take."""
+"""The options that several commands take, and a way to give a command its options as one value."""
 
+import inspect
+from collections.abc import Callable
+from dataclasses import fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -39,3 +43,23 @@ Columns = Annotated[
         "--columns", help="Mapping of a table of your own, such as id=car,t=time[ms],lat=y,lon=x,speed=v[mph]."
     ),
 ]
+
+
+def options_as(group: type[Any]) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return a decorator: the parameter `options` of a command, a dataclass, becomes an option for each field."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        @wraps(command)
+        def call(**given: object) -> None:
+            command(options=group(**{field.name: given.pop(field.name) for field in fields(group)}), **given)
+
+        parameters = []
+        for own in inspect.signature(command).parameters.values():
+            found = [(f.name, f.default, f.type) for f in fields(group)]
+            for name, default, kind in found if own.name == "options" else [(own.name, own.default, own.annotation)]:
+                parameters.append(inspect.Parameter(name, own.KEYWORD_ONLY, default=default, annotation=kind))
+        call.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        call.__annotations__ = {p.name: p.annotation for p in parameters}
+        return call
+
+    return decorate
