@@ -60,7 +60,8 @@ def whole() -> tuple[bytes, list[Event]]:
 def test_the_recording_has_something_of_everything(whole: tuple[bytes, list[Event]]) -> None:
     result = Detector(**SETTINGS).process(RECORDS)
     outcomes = set(result.verdicts["outcome"].tolist())
-    assert outcomes == {"scored", "warming", "duplicate", "out_of_order", "out_of_range", "table_full"}
+    rejected = {"duplicate", "out_of_order", "out_of_range", "table_full", "from_the_future"}
+    assert outcomes == {"scored", "warming"} | rejected
     assert {"car1", "car2"} <= {event.suspect for event in whole[1]}
     assert "miss" in {event.kind.value for event in whole[1]}
     assert len(set(result.verdicts["leader"].tolist())) > 4
