@@ -24,7 +24,7 @@ from headway.core.estimation.kinematics import Z_POSITION, Z_SPEED
 
 QUARTILE = 1.1503493803760079
 """Quantile 7/8 of the standard normal: one value in four is beyond it, to either side."""
-SIGN_COUNTS = 0.02
+SIGN_COUNTS = 0.05
 """Product of two innovations, as a share of the variance, from which its sign counts in full."""
 RECEIVER_READINGS = 10.0
 """Readings before which it is not known whether a sensor is a receiver."""
