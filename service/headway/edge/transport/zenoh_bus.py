@@ -25,6 +25,7 @@ from headway.edge.clock import Clock
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel, Query
 from headway.edge.transport.receive_queue import ReceiveQueue
+from headway.edge.transport.zenoh_query import ZenohQuery
 from headway.edge.worker import Worker
 from headway.errors import UserError, zenoh_reason
 from headway_schemas.keys import Keys
@@ -330,7 +331,7 @@ class ZenohBus:
     def _query_handler(self, key: str) -> Callable[[zenoh.Query], None]:
         def ask(query: zenoh.Query) -> None:
             if len(self._queries) < _QUERY_LIMIT:
-                self._queries.append(_ZenohQuery(query, key, self._answers))
+                self._queries.append(ZenohQuery(query, key, self._answers))
             else:
                 self._queries_dropped += 1
                 query.drop()
@@ -376,27 +377,3 @@ class ZenohBus:
             "subscriber disconnected: it took no alert for block_timeout_s",
             zenoh_id=peer, address=self._addresses.pop(peer, None), block_timeout_s=self._config.block_timeout_s,
         )  # fmt: skip
-
-
-class _ZenohQuery:
-    def __init__(self, query: zenoh.Query, key: str, answers: Worker) -> None:
-        self._query = query
-        self._answers = answers
-        self.key = key
-        self.parameters = {
-            name: value for name, _, value in (p.partition("=") for p in str(query.parameters).split(";")) if name
-        }
-
-    def answer(self, payload: bytes, encoding: str) -> None:
-        self._answers.put(lambda: self._reply(payload, encoding))
-
-    def refuse(self, reason: str) -> None:
-        self._answers.put(lambda: self._reply_error(reason))
-
-    def _reply(self, payload: bytes, encoding: str) -> None:
-        self._query.reply(self.key, payload, encoding=encoding)
-        self._query.drop()
-
-    def _reply_error(self, reason: str) -> None:
-        self._query.reply_err(reason.encode(), encoding=zenoh.Encoding.TEXT_PLAIN)
-        self._query.drop()
