@@ -74,7 +74,8 @@ def test_every_extra_is_declared_and_brings_the_package_it_is_named_for() -> Non
     ],
 )
 def test_what_is_absent_is_named_with_the_extra_that_brings_it(absent: str, arguments: list[str], tmp_path) -> None:
-    (tmp_path / "pair.csv").touch()
+    columns = "t_s,leader_x_m,follower_x_m,leader_v_mps,follower_v_mps,leader_length_m"
+    (tmp_path / "pair.csv").write_text(f"{columns}\n0,30,0,10,10,4\n0.1,31,1,10,10,4\n", encoding="utf-8")
     code = (
         f"import sys; sys.modules['{absent}'] = None; sys.argv = ['headway', *{arguments}];"
         "from headway.cli.app import main; main()"

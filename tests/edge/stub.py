@@ -81,6 +81,7 @@ def event(**changes) -> AnomalyEvent:
         "follower": "car1",
         "t_us": 1_000,
         "received_us": 3_000,
+        "detected_us": 4_000,
         "nis": 40.0,
         "gate": 20.0,
         "statistic": 40.0,

@@ -163,6 +163,9 @@ def test_the_first_begins_within_a_second_and_the_next_at_the_interval(tmp_path:
 
 def test_a_part_that_has_not_changed_is_not_written_again(tmp_path: Path) -> None:
     engine = driven()
+    records = one_record(engine)
+    nothing = Batch(**{name: getattr(records, name)[:0] for name in Batch.__slots__})
+    engine.step(nothing, int(records.received_us[0]) - 50_000)  # ends the slot, with the searches for leaders
     writing = snapshots(tmp_path, engine)
     for round_s in (1, 11):
         for ms in range(10_000):
