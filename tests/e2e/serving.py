@@ -102,9 +102,13 @@ def without_headway() -> dict[str, str]:
 
 
 def drive(sender: zenoh.Session, readings: int, fault_from: int) -> int:
-    """Send the last seconds of a leader and of a follower whose location lies by 20 m from some reading on; 10 Hz."""
+    """Send the last seconds of a leader and of a follower whose location lies by 20 m from some reading on; 10 Hz.
+
+    They come apart by more than a slot, at whose end the follower's leader is searched for.
+    """
     end_us = time.time_ns() // 1000
     for k in range(readings):
+        time.sleep(0.015)
         t_us = end_us - (readings - 1 - k) * 100_000
         for name, behind_m in (("leader", 0.0), ("follower", 30.0)):
             offset_m = 20.0 if name == "follower" and k >= fault_from else 0.0
