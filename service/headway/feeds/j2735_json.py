@@ -10,6 +10,7 @@ profile does not have becomes the name of its type, which no limit accepts.
 """
 
 import re
+from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 from headway.feeds import uper
@@ -49,12 +50,10 @@ def messages_in(content: Any) -> list[Any]:
 
 def from_raw(message: object, received_us: int) -> Result:
     """Convert one message of profile `raw`; without a time in its envelope the minute is that of `received_us`."""
-    reference_us = _envelope_us(message, received_us)
-    core = _core_of(message, reference_us)
-    if not isinstance(core, _Core):
-        return core
-    if isinstance(reference_us, Refusal):
-        return reference_us
+    return _convert(message, received_us, _from_raw_core)
+
+
+def _from_raw_core(core: _Core, reference_us: int) -> Result:
     if isinstance(core.fields.get("position"), dict):
         return Refusal(OTHER_MESSAGE, "coreData in SI units: the encoding of profile ode reads it")
     return _raw_record(core.fields, reference_us)
@@ -62,17 +61,24 @@ def from_raw(message: object, received_us: int) -> Result:
 
 def from_ode(message: object, received_us: int) -> Result:
     """Convert one message of profile `ode`; without a time in its envelope the minute is that of `received_us`."""
-    reference_us = _envelope_us(message, received_us)
-    core = _core_of(message, reference_us)
-    if not isinstance(core, _Core):
-        return core
-    if isinstance(reference_us, Refusal):
-        return reference_us
+    return _convert(message, received_us, _from_ode_core)
+
+
+def _from_ode_core(core: _Core, reference_us: int) -> Result:
     if core.in_message_frame:
         return _raw_record(core.fields, reference_us)
     if "lat" in core.fields and "position" not in core.fields:
         return Refusal(OTHER_MESSAGE, "coreData in integers: the encoding of profile raw reads it")
     return _ode_record(core.fields, reference_us)
+
+
+def _convert(message: object, received_us: int, convert: Callable[[_Core, int], Result]) -> Result:
+    """Find time and core data of a message, and convert them."""
+    reference_us = _envelope_us(message, received_us)
+    core = _core_of(message, reference_us)
+    if not isinstance(core, _Core):
+        return core
+    return reference_us if isinstance(reference_us, Refusal) else convert(core, reference_us)
 
 
 def _envelope_us(message: object, received_us: int) -> int | Refusal:

@@ -4,6 +4,7 @@ A first reading beyond the gate does not say whether more follow, so an onset do
 with the kind follows as soon as the next readings show it.
 """
 
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -119,7 +120,7 @@ class EventLog:
 
     def end(self, row: int, t_us: int, received_us: int, now_us: int) -> AnomalyEvent:
         """Close the event of a row before a vehicle is evicted; its last message was of `t_us`."""
-        event, unknown = self._open[row], float("nan")
+        event = self._open[row]
         follower, suspect = self._vehicles.id_of[row], self._vehicles.id_of[event.suspect]
         assert follower is not None
         assert suspect is not None
@@ -129,20 +130,13 @@ class EventLog:
             phase=Phase.CLEARED,
             kind=event.kind,
             sensor=event.sensor,
-            confidence=unknown,
+            confidence=math.nan,
             suspect=suspect,
             leader=None,
             follower=follower,
             t_us=t_us,
             received_us=received_us,
             detected_us=now_us,
-            nis=unknown,
-            gate=unknown,
-            statistic=unknown,
-            p_value=unknown,
-            nu=(unknown, unknown),
-            recovered=(unknown, unknown, unknown, unknown),
-            evidence=None,
         )
 
     def evict(self, row: int) -> None:

@@ -55,7 +55,6 @@ class MissLog:
     ) -> AnomalyEvent:
         suspect = self._vehicles.id_of[row]
         assert suspect is not None
-        nothing = float("nan")
         return AnomalyEvent(
             event_id=self._ids[row],
             phase=phase,
@@ -68,11 +67,4 @@ class MissLog:
             t_us=t_us,
             received_us=last_received_us,
             detected_us=now_us,
-            nis=nothing,
-            gate=nothing,
-            statistic=nothing,
-            p_value=nothing,
-            nu=(nothing, nothing),
-            recovered=(nothing, nothing, nothing, nothing),
-            evidence=None,
         )

@@ -14,7 +14,7 @@ def quality_states(site: SiteState, stride: int, phase: int) -> QualityStates | 
     bank = site.tables.bank[rows]
     qualities = site.model.sensor_qualities(bank["model"])
     known = np.isfinite(qualities.position_noise_m)
-    rows, qualities = rows[known], site.model.sensor_qualities(bank["model"][known])
+    rows, qualities = rows[known], qualities.of(known)
     return QualityStates(
         vehicles=[str(site.vehicles.id_of[row]) for row in rows],
         t_us=site.tables.tracks["t_us"][rows],

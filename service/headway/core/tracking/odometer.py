@@ -1,8 +1,7 @@
 """The odometer: from latitude and longitude to the one dimension of the filter.
 
-`x_m` maps latitude and longitude to the one dimension of the filter. It is measured from the *base*, the
-newest place with a valid location, and never from the last reading. With d the displacement from the base, h0 and h the
-unit headings at the base and now, and phi the angle between them,
+`x_m` is measured from the *base*, the newest place with a valid location, and never from the last reading. With d the
+displacement from the base, h0 and h the unit headings at the base and now, and phi the angle between them,
 
     x = x_base + (d . m) (phi / 2) / sin(phi / 2),        m = (h0 + h) / |h0 + h|
 

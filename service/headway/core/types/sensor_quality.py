@@ -47,6 +47,10 @@ class SensorQualities:
     clock_jitter_s: F64
     """Scatter of the time stamps."""
 
+    def of(self, chosen: NDArray[np.bool_]) -> "SensorQualities":
+        """Return those of the chosen (n,) vehicles."""
+        return SensorQualities(**{field.name: getattr(self, field.name)[chosen] for field in fields(self)})
+
 
 GOOD_LIMITS = {
     "position_noise_m": 0.5,

@@ -1,5 +1,6 @@
 """The result of one step of the engine."""
 
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum, unique
 from typing import NamedTuple, Self
@@ -51,18 +52,19 @@ class AnomalyEvent:
     received_us: int
     detected_us: int
     """Receive time that had come when it was found."""
-    nis: float
-    gate: float
-    statistic: float
-    p_value: float
-    nu: tuple[float, float]
+    nis: float = math.nan
+    """This and the next are those of the reading; NaN for an update without one: a miss, or a vehicle that left."""
+    gate: float = math.nan
+    statistic: float = math.nan
+    p_value: float = math.nan
+    nu: tuple[float, float] = (math.nan, math.nan)
     """Innovation of location (m) and speed (m/s)."""
-    recovered: tuple[float, float, float, float]
+    recovered: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
     """x_m, v_mps, x_std_m, v_std_mps of the estimate that replaces the reading."""
     observations: tuple[str, ...] = ()
     """Physical limits that the vehicle's messages break now: labels of `Observation`."""
-    evidence: Evidence | None
-    """None for a miss, which has no reading."""
+    evidence: Evidence | None = None
+    """None where there is no reading."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
