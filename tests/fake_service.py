@@ -191,6 +191,7 @@ class Service:
 
 def found(journal: list[Event], queries: AlertsQuery) -> list[Event]:
     """Return the page of a journal that a query asks for."""
+    newest = {(e.site, e.event_id): e for e in journal}
     until_us = min(us for us in (queries.to_us, queries.before_us, 2**60) if us is not None)
     wanted = [
         e
@@ -202,6 +203,8 @@ def found(journal: list[Event], queries: AlertsQuery) -> list[Event]:
         and queries.instance in {None, e.instance}
         and (e.sequence or 0) > (queries.after_sequence or -1)
         and queries.vehicle in {None, e.suspect, e.follower, e.leader}
+        and any((queries.vehicle_part or "") in (vehicle or "") for vehicle in (e.suspect, e.follower, e.leader))
+        and (e is newest[e.site, e.event_id] or not queries.newest)
     ]
     wanted.sort(key=lambda e: e.detected_us, reverse=True)
     last_us = wanted[queries.limit - 1].detected_us if len(wanted) > queries.limit else 0

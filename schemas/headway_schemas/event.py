@@ -115,6 +115,13 @@ class Recovered(Message):
     v_std_mps: Number
 
 
+class Deviation(Message):
+    """Largest absolute difference between reading and estimate, over the readings of an event until now."""
+
+    x_m: Number
+    v_mps: Number
+
+
 class Evidence(Message):
     """The readings around the verdict, enough to replay it: a table that names its own columns."""
 
@@ -144,6 +151,8 @@ class Event(Message):
     t_us: TUs
     """Event time of the reading."""
     detected_us: TUs
+    onset_us: TUs | None = None
+    """Event time of the reading with which the event began."""
     nis: Number = None
     """Normalised innovation squared."""
     statistic: Number = None
@@ -153,6 +162,8 @@ class Event(Message):
     p_value: Number = None
     innovation: Innovation | None = None
     recovered: Recovered | None = None
+    deviation: Deviation | None = None
+    """Null where no reading of the suspect deviates: a miss, or an event of the link."""
     latency_us: Annotated[dict[Stage, int], Field(default_factory=dict)]
     model: str
     config_hash: str

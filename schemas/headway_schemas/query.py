@@ -30,9 +30,11 @@ class AlertsQuery(Message):
     """Where the page before this one ended."""
     kind: Kind | None = None
     phase: Phase | None = None
-    """`onset` gives one row for each event."""
+    """Updates of this phase."""
     vehicle: Id | None = None
     """Suspect, follower or leader."""
+    vehicle_part: Id | None = None
+    """The same, where a part of the id is enough."""
     event: EventId | None = None
     """Every update of this `event_id`."""
     instance: Id | None = None
@@ -40,6 +42,8 @@ class AlertsQuery(Message):
     after_sequence: Annotated[int, Field(ge=0)] | None = None
     """Of a higher `sequence`: what a subscriber has not received."""
     limit: Annotated[int, Field(ge=1, le=LIMIT_MAX)] = 100
+    newest: bool = False
+    """Whether only the newest update of each event is meant: one row for each event, as it is known now."""
     evidence: bool = False
     """Whether the evidence comes along; a list is lighter without."""
 

@@ -80,6 +80,7 @@ def event(**changes) -> AnomalyEvent:
         "leader": None,
         "follower": "car1",
         "t_us": 1_000,
+        "onset_us": 1_000,
         "received_us": 3_000,
         "detected_us": 4_000,
         "nis": 40.0,

@@ -22,15 +22,26 @@ def list_alerts(
     phase: OfPhase = None,
     vehicle: OfVehicle = None,
     limit: Annotated[int, typer.Option(min=1, max=1000, help="The newest so many.")] = 20,
+    updates: Annotated[bool, typer.Option("--updates", help="Every update of an event, a row each.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Print the newest event updates, the last one last.
+    """Print the newest events as they are known now, the last one last.
+
+    With --phase or --updates a row is an update: what was published at that time.
 
     Example: headway alerts list --from -1h --phase onset
     """
     from headway.cli.run import alerts
 
-    asked = alerts.query(from_time=from_time, to_time=to, kind=kind, phase=phase, vehicle=vehicle, limit=limit)
+    asked = alerts.query(
+        from_time=from_time,
+        to_time=to,
+        kind=kind,
+        phase=phase,
+        vehicle=vehicle,
+        limit=limit,
+        newest=phase is None and not updates,
+    )
     alerts.show(alerts.journal_file(journal, config), asked, as_json=as_json)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from headway.core.events.event_log import CLEAR_AFTER_READINGS, EventLog
-from headway.core.events.evidence import EvidenceStore
+from headway.core.events.evidence import EvidenceStore, store_readings
 from headway.core.runtime import rows as banks
 from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.records import Kind, Sensor
@@ -18,11 +18,18 @@ class Follower:
     def __init__(self) -> None:
         vehicles = VehicleTable(1)
         [self.row] = vehicles.admit(["car"])
-        bank = np.zeros(1, np.dtype([("count", "i8")]))
-        self.log = EventLog(vehicles, EvidenceStore(bank, 8), 1)
+        self.bank = np.zeros(1, np.dtype([("count", "i8")]))
+        self.evidence = EvidenceStore(self.bank, 8)
+        self.log = EventLog(vehicles, self.evidence, 1)
         self.t_us = 1_000_000
 
-    def reads(self, anomalous: bool, kind: Kind = Kind.SHORT, sensor: Sensor = Sensor.LOCATION) -> list[AnomalyEvent]:
+    def reads(
+        self, anomalous: bool, kind: Kind = Kind.SHORT, sensor: Sensor = Sensor.LOCATION, x_m: float = 0.0
+    ) -> list[AnomalyEvent]:
+        """Return the events of a reading of `x_m`, where the estimate is 0."""
+        reading = banks.readings(1)
+        reading["x_m"] = x_m
+        store_readings(self.evidence.rings, self.bank, np.array([self.row]), reading, np.array([-1]))
         verdict = banks.verdicts(1)
         verdict["anomalous"] = anomalous
         if anomalous:
@@ -91,6 +98,16 @@ def test_a_relapse_before_the_end_is_the_same_event() -> None:
     assert len(car.log) == 1
 
 
+def test_the_deviation_is_the_largest_until_now() -> None:
+    car = Follower()
+    [onset] = car.reads(True, x_m=0.5)
+    events = [event for n in range(12) for event in car.reads(True, x_m=-3.0 if n == 4 else 1.0)]
+    assert onset.deviation == (0.5, 0.0)
+    assert [event.deviation for event in events] == [(3.0, 0.0)]
+    cleared = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False, x_m=9.0)][-1]
+    assert (cleared.phase, cleared.deviation, cleared.onset_us) == (Phase.CLEARED, (3.0, 0.0), onset.t_us)
+
+
 class Pair:
     """A leader and its follower, with the log of their own events and that of the pair tests."""
 
@@ -133,7 +150,7 @@ def test_a_changed_suspect_is_an_update() -> None:
     cars.reads(cars.pair, cars.follower, cars.follower, Kind.RESPONSE, Sensor.LINK)
     for _ in range(3):
         updates = cars.reads(cars.pair, cars.follower, cars.leader, Kind.RESPONSE, Sensor.LINK)
-    assert [(event.phase, event.suspect) for event in updates] == [(Phase.UPDATE, "a")]
+    assert [(event.phase, event.suspect, event.deviation) for event in updates] == [(Phase.UPDATE, "a", (0.0, 0.0))]
 
 
 def test_an_event_explains_what_its_neighbours_do_until_five_seconds_after_it() -> None:

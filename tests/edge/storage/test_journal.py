@@ -177,6 +177,23 @@ def test_an_event_has_an_onset_a_newest_update_and_an_end(path: Path) -> None:
     assert [published["detected_us"] for published in found(path, event="other")] == [4]
 
 
+def test_the_newest_update_of_each_event_stands_for_it(path: Path) -> None:
+    kinds = [("a", Phase.ONSET, Kind.UNKNOWN), ("b", Phase.ONSET, Kind.BIAS), ("a", Phase.UPDATE, Kind.DRIFT)]
+    journal_at(path).write(
+        [update(n, n + 1, event_id=name, phase=phase, kind=kind) for n, (name, phase, kind) in enumerate(kinds)]
+    )
+    assert [(e["event_id"], e["kind"]) for e in found(path, newest=True)] == [("a", "drift"), ("b", "bias")]
+    assert [e["event_id"] for e in found(path, newest=True, kind="unknown")] == []
+    assert detected(path, newest=True, limit=1) == [2]
+
+
+def test_a_part_of_an_id_is_enough(path: Path) -> None:
+    journal_at(path).write([update(1, suspect="rsu-17", follower="x"), update(2, suspect="abc", leader="l_1")])
+    assert detected(path, vehicle_part="su-1") == [1]
+    assert detected(path, vehicle_part="_1") == [2]
+    assert detected(path, vehicle_part="l.1") == []
+
+
 def test_what_a_process_left_behind_is_there_for_the_next(path: Path) -> None:
     writer = journal_at(path)
 

@@ -57,7 +57,7 @@ def stored_events(file: Path, asked: AlertsQuery) -> list[Event]:
 
 
 def show(file: Path, asked: AlertsQuery, *, as_json: bool) -> None:
-    """Print the newest event updates."""
+    """Print the events or updates that meet a query."""
     events = stored_events(file, asked)
     if as_json:
         typer.echo(json.dumps({"alerts": [event.model_dump(mode="json") for event in events]}))

@@ -35,6 +35,7 @@ class _Open:
     """An open event."""
 
     event_id: str
+    onset_us: int
     suspect: int
     kind: Kind
     sensor: Sensor
@@ -43,6 +44,8 @@ class _Open:
     changed: bool = False
     readings_below_gate: int = 0
     kind_published: bool = False
+    deviation: tuple[float, float] = (0.0, 0.0)
+    """Largest |reading - estimate| of location (m) and speed (m/s)."""
 
 
 class _Subject(NamedTuple):
@@ -87,6 +90,8 @@ class EventLog:
         events = []
         for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Subject._make, subjects), findings, strict=True):
             phase = self._advance(of, kind, sensor, anomalous=anomalous)
+            if anomalous and sensor != Sensor.LINK:
+                self._add_deviation(of.row, verdicts[i])
             if phase is not None:
                 events.append(self._event(phase, of, verdicts[i]))
             if phase is Phase.CLEARED:
@@ -135,8 +140,10 @@ class EventLog:
             leader=None,
             follower=follower,
             t_us=t_us,
+            onset_us=event.onset_us,
             received_us=received_us,
             detected_us=now_us,
+            deviation=event.deviation,
         )
 
     def evict(self, row: int) -> None:
@@ -163,12 +170,14 @@ class EventLog:
                 row,
                 e.event_id,
                 e.suspect,
+                e.onset_us,
                 int(e.kind),
                 int(e.sensor),
                 e.updated_us,
                 e.changed,
                 e.readings_below_gate,
                 e.kind_published,
+                *e.deviation,
             )
             for row, e in of
         ]
@@ -178,6 +187,7 @@ class EventLog:
         for event in events:
             restored = _Open(
                 event.event_id,
+                event.onset_us,
                 event.suspect,
                 Kind(event.kind),
                 Sensor(event.sensor),
@@ -185,16 +195,24 @@ class EventLog:
                 event.changed,
                 event.readings_below_gate,
                 event.kind_published,
+                (event.deviation_m, event.deviation_mps),
             )
             self._set(event.row, restored)
+
+    def _add_deviation(self, row: int, verdict: np.void) -> None:
+        event, reading = self._open[row], self._evidence.newest(row)
+        event.deviation = (
+            max(event.deviation[0], abs(float(reading["x_m"] - verdict["x_m"]))),
+            max(event.deviation[1], abs(float(reading["v_mps"] - verdict["v_mps"]))),
+        )
 
     def _advance(self, of: _Subject, kind: int, sensor: int, *, anomalous: bool) -> Phase | None:
         row, t_us = of.row, of.t_us
         event = self._open.get(row)
         if event is None:
             event_id = f"{self._vehicles.id_of[row]}-{t_us}{self._suffix}"
-            published = Kind(kind) not in (Kind.SHORT, Kind.UNKNOWN)
-            self._set(row, _Open(event_id, of.suspect, Kind(kind), Sensor(sensor), t_us, kind_published=published))
+            is_known = Kind(kind) not in (Kind.SHORT, Kind.UNKNOWN)
+            self._set(row, _Open(event_id, t_us, of.suspect, Kind(kind), Sensor(sensor), t_us, kind_published=is_known))
             return Phase.ONSET
         if not anomalous:
             event.readings_below_gate += 1
@@ -233,6 +251,7 @@ class EventLog:
             leader=self._vehicles.id_of[of.leader] if of.leader >= 0 else None,
             follower=follower,
             t_us=of.t_us,
+            onset_us=event.onset_us,
             received_us=of.received_us,
             detected_us=of.received_us,
             nis=float(verdict["nis"]),
@@ -246,6 +265,7 @@ class EventLog:
                 float(verdict["x_std_m"]),
                 float(verdict["v_std_mps"]),
             ),
+            deviation=event.deviation,
             observations=_observations(int(verdict["observed"])),
             evidence=self._evidence.of(of.row),
         )

@@ -71,6 +71,11 @@ class EvidenceStore:
             leaders=rings.leaders[row, places].astype(np.int64),
         )
 
+    def newest(self, row: int) -> np.void:
+        """Return the newest reading of a row."""
+        newest: np.void = self.rings.readings[row, (int(self.rings.counts[row]) - 1) % self.rings.readings.shape[1]]
+        return newest
+
     def clear(self, rows: I64) -> None:
         """Clear the evidence of `rows`; call it after any change of their bank rows except by readings."""
         self.rings.counts[rows] = 0

@@ -17,6 +17,8 @@ class OpenEvent(NamedTuple):
     event_id: str
     suspect: int
     """Row of the vehicle that the event names."""
+    onset_us: int
+    """Event time of the reading with which it began."""
     kind: int
     sensor: int
     updated_us: int
@@ -27,6 +29,10 @@ class OpenEvent(NamedTuple):
     """In a row, up to now."""
     kind_published: bool
     """Whether an event update has named the kind."""
+    deviation_m: float
+    """Largest |reading - estimate| of the location."""
+    deviation_mps: float
+    """The same of the speed."""
 
 
 class OpenMiss(NamedTuple):
@@ -34,6 +40,8 @@ class OpenMiss(NamedTuple):
 
     row: int
     event_id: str
+    onset_us: int
+    """Event time of the last message before it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -49,6 +49,8 @@ class AnomalyEvent:
     follower: str
     t_us: int
     """Event time of the reading that caused this update."""
+    onset_us: int
+    """That of the first update."""
     received_us: int
     detected_us: int
     """Receive time that had come when it was found."""
@@ -61,6 +63,8 @@ class AnomalyEvent:
     """Innovation of location (m) and speed (m/s)."""
     recovered: tuple[float, float, float, float] = (math.nan, math.nan, math.nan, math.nan)
     """x_m, v_mps, x_std_m, v_std_mps of the estimate that replaces the reading."""
+    deviation: tuple[float, float] = (0.0, 0.0)
+    """Largest |reading - estimate| of location (m) and speed (m/s) until now; zeros for an event of the link."""
     observations: tuple[str, ...] = ()
     """Physical limits that the vehicle's messages break now: labels of `Observation`."""
     evidence: Evidence | None = None

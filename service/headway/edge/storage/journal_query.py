@@ -32,11 +32,14 @@ _CONDITIONS: Final = {
     "kind": "kind = ?",
     "phase": "phase = ?",
     "vehicle": "? IN (suspect, follower, leader)",
+    "vehicle_part": "instr(suspect || '/' || follower || '/' || coalesce(leader, ''), ?) > 0",
     "event": "event_id = ?",
     "instance": "instance = ?",
     "after_sequence": "sequence > ?",
 }
-"""SQL condition of each field of an `AlertsQuery`; `limit` and `evidence` are no conditions."""
+"""SQL condition of each field of an `AlertsQuery` with a value; `limit` and `evidence` are no conditions."""
+_NEWEST: Final = """NOT EXISTS (SELECT 1 FROM updates AS later
+    WHERE later.event_id = updates.event_id AND later.site = updates.site AND later.id > updates.id)"""
 
 
 def read(
@@ -57,7 +60,7 @@ def read(
     way, beyond = ("ASC", ">") if oldest_first else ("DESC", "<")
     after: tuple[int, int] | None = None
     while True:
-        conditions = ["TRUE", *(condition for condition, _ in asked)]
+        conditions = [_NEWEST if query.newest else "TRUE", *(condition for condition, _ in asked)]
         if after is not None:
             conditions.append(f"(detected_us, updates.id) {beyond} (?, ?)")
         sql = f"{WHOLE if query.evidence else BRIEF} WHERE {' AND '.join(conditions)}"
