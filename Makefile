@@ -3,8 +3,9 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 FUZZ_SECONDS ?= 3600
 FUZZ_RECORDS ?= inf
+FUZZ_TARGET ?= json
 
-.PHONY: help venv demo test check check-deploy bench soak faults fuzz sbom performance browser wheel format clean
+.PHONY: help venv demo test check check-deploy bench soak faults fuzz fuzz-coverage sbom performance browser wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -51,6 +52,10 @@ faults: venv  ## processes killed, stopped and flooded over real zenoh: half an 
 
 fuzz: venv  ## mutated messages and adversarial drives through codec and engine, for FUZZ_SECONDS (an hour)
 	PYTHONPATH=tests $(BIN)/python tests/fuzz/campaign.py --seconds $(FUZZ_SECONDS) --records $(FUZZ_RECORDS)
+
+fuzz-coverage: venv  ## atheris chooses the inputs of one FUZZ_TARGET (installs atheris, which has wheels for Linux)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[fuzz]'
+	PYTHONPATH=tests $(BIN)/python tests/fuzz/coverage.py $(FUZZ_TARGET) --seconds $(FUZZ_SECONDS)
 
 sbom: venv  ## what is installed with headway, as CycloneDX, in out/
 	@mkdir -p out
