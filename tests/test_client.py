@@ -208,6 +208,22 @@ def test_alerts_are_an_iterator_of_events_that_ends_after_a_silence(endpoint: st
     assert all(one == event(1) for one in received[:-1])
 
 
+def test_what_a_gap_shows_to_be_missed_comes_from_the_history(endpoint: str) -> None:
+    first, *missed, last = (event(n).model_copy(update={"instance": "rsu-1", "sequence": n}) for n in range(1, 6))
+    with service(endpoint) as running:
+        received: list[Event] = []
+        listener = threading.Thread(target=lambda: received.extend(alerts(endpoint, timeout_s=2.0)))
+        listener.start()
+        while not received and listener.is_alive():
+            running.publish(first)
+            listener.join(0.1)
+        running.journal += missed
+        running.publish(last)
+        listener.join()
+    stored = [update.model_copy(update={"evidence": None}) for update in missed]
+    assert received[received.count(first) :] == [*stored, last]
+
+
 def test_history_holds_what_the_journals_answer() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with service(endpoint, [event(1), event(2, phase=Phase.CLEARED)]) as running:

@@ -18,7 +18,8 @@ from pydantic import ValidationError
 
 from headway.errors import UserError, zenoh_reason
 from headway_schemas import Event, Health, Keys, PairState, RejectedCopy
-from headway_schemas.query import EVENTS, AlertsQuery
+from headway_schemas.query import EVENTS, LIMIT_MAX, AlertsQuery
+from headway_schemas.sequence import SequenceGaps
 
 Message: TypeAlias = Event | PairState | Health | RejectedCopy
 
@@ -92,6 +93,9 @@ def alerts(
 ) -> Iterator[Event]:
     """Yield the event updates of running services as they are published.
 
+    Where a gap in `sequence` shows that updates were missed, those that the history holds come first. An update may
+    come twice: a service that was killed publishes its last ones again.
+
     Parameters
     ----------
     connect
@@ -116,13 +120,17 @@ def alerts(
     ...     print(event.phase, event.kind, event.sensor, event.suspect)
     """
     feed = BusFeed(_listed(connect), _listed(site), prefix=prefix, zenoh_config=zenoh_config, messages=(Event,))
+    gaps = SequenceGaps()
     with _running(feed):
         last_s = time.monotonic()
         while timeout_s is None or time.monotonic() < last_s + timeout_s:
             for received in feed.drain():
                 last_s = time.monotonic()
-                if isinstance(received.message, Event):
-                    yield received.message
+                if isinstance(event := received.message, Event):
+                    after = gaps.missing_after(event)
+                    if after is not None:
+                        yield from _missed(feed, event, after)
+                    yield event
             time.sleep(_POLL_S)
 
 
@@ -157,6 +165,14 @@ def history(
         while not feed.connection.connected and time.monotonic() < give_up_s:
             time.sleep(_POLL_S)
         return feed.history(sites, query or AlertsQuery())
+
+
+def _missed(feed: Feed, event: Event, after: int) -> Iterator[Event]:
+    """Yield the updates of the instance between a sequence number and that of an event, as the history holds them."""
+    query = AlertsQuery(instance=event.instance, after_sequence=after, limit=LIMIT_MAX)
+    for update in reversed(feed.history([event.site], query).events):
+        if (update.sequence or 0) < (event.sequence or 0):
+            yield update
 
 
 def _listed(value: str | Sequence[str]) -> Sequence[str]:

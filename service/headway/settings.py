@@ -126,7 +126,11 @@ class Settings(BaseSettings):
     )
     connect_timeout_s: float = _setting(3.0, "Longest attempt to reach a router; attempts repeat.", "s", gt=0, le=60)
     block_timeout_s: float = _setting(
-        0.5, "A subscriber that takes no alert for this long is disconnected.", "s", gt=0, le=600
+        0.5,
+        "A subscriber that takes no alert for this long is disconnected; a router that takes none misses it.",
+        "s",
+        gt=0,
+        le=600,
     )
 
     batch_limit: int = _setting(2_000, "Most messages of one loop iteration.", ge=1, le=100_000)

@@ -104,7 +104,9 @@ def main() -> None:
         left_s = options.seconds - (time.monotonic() - began_s)
     report(campaign)
     growth = max(memory_mb) / memory_mb[0]
-    sys.stdout.write(f"resident memory {memory_mb[0]:.0f} MB after {warm_s:.0f} s, then at most {growth:.3f} times it\n")
+    sys.stdout.write(
+        f"resident memory {memory_mb[0]:.0f} MB after {warm_s:.0f} s, then at most {growth:.3f} times it\n"
+    )
     sys.exit(bool(campaign.failures) or growth > FLAT_SHARE)
 
 

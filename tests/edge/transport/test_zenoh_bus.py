@@ -1,5 +1,6 @@
 """The bus over real zenoh on loopback: what senders put arrives stamped, what is told reaches who listens."""
 
+import json
 import threading
 from collections.abc import Iterator
 from dataclasses import replace
@@ -116,6 +117,25 @@ def test_an_alert_reaches_its_subscribers_with_its_encoding(bus: ZenohBus, other
     assert (str(got[0].key_expr), str(got[0].encoding)) == (KEYS.alert("bias", "a"), EVENT_JSON)
     assert got[0].priority == zenoh.Priority.INTERACTIVE_HIGH
     assert got[0].congestion_control == BLOCK
+
+
+def test_a_router_need_not_wait_for_a_subscriber_of_alerts_that_takes_none() -> None:
+    endpoint, got = free_endpoint(), []
+    router = session("router", listen=(endpoint,))
+    settings = config(mode=None, connect=None, listen=None, options=f"""{{
+        mode: "client", connect: {{ endpoints: ["{endpoint}"] }},
+        scouting: {{ multicast: {{ enabled: false }}, gossip: {{ enabled: false }} }},
+    }}""", block_timeout_s=0.5)  # fmt: skip
+    waits = json.loads(settings.zenoh_config().get_json("transport/link/tx/queue/congestion_control/drop"))
+    assert set(waits.values()) == {500_000}
+    bus, other = bus_of(settings), session("client", connect=(endpoint,))
+    bus.open(go_on)
+    other.declare_subscriber(KEYS.every_alert, got.append)
+    until(lambda: bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), b"{}") or got)
+    assert got[0].congestion_control == zenoh.CongestionControl.DROP
+    bus.close()
+    other.close()
+    router.close()
 
 
 def test_a_channel_is_wanted_while_somebody_listens(bus: ZenohBus, other: zenoh.Session) -> None:

@@ -5,9 +5,12 @@ for the interpreter at each message. The subscriber is a plain one. An advanced 
 costs 8 to 28 us a message, and a message recovered seconds later is too old to score. Losses on the way show as gaps in
 the counters of the senders.
 
-Alerts are put with BLOCK and a priority of their own. They wait for a slow network, and a subscriber that takes nothing
-is disconnected after `block_timeout_s`. An advanced publisher could store alerts for late subscribers, but it needs one
-publisher for each key, and the number of suspects has no bound. All other messages are put with DROP.
+Alerts have a priority of their own and wait up to `block_timeout_s` for a slow network. To subscribers that connect
+here they are put with BLOCK: one that takes nothing is disconnected. A client puts them with DROP. With BLOCK, a router
+without the rules of `deploy/zenoh` would wait 5 s for one such subscriber, and all others with it. A subscriber that
+misses an alert finds it in the history, by its sequence number. An advanced publisher could store alerts for late
+subscribers, but it needs one publisher for each key, and the number of suspects has no bound. All other messages are
+put with DROP.
 """
 
 import json
@@ -50,6 +53,8 @@ _CLOSED_AFTER_NS: Final = 5_000_000_000
 _MESSAGE_BYTES_MAX: Final = 1 << 24
 """zenoh drops larger messages, which bounds the memory that a sender can claim."""
 
+_CONGESTION: Final = "transport/link/tx/queue/congestion_control"
+
 _PRIORITY: Final = {
     Channel.ALERT: zenoh.Priority.INTERACTIVE_HIGH,
     Channel.HEALTH: zenoh.Priority.DATA_HIGH,
@@ -91,16 +96,22 @@ class BusConfig:
             config = zenoh.Config.from_json5(self.options) if self.options else zenoh.Config()
             for key, value in self._inserted():
                 config.insert_json5(key, json.dumps(value))
+            if _is_client(config):
+                for wait in ("wait_before_drop", "max_wait_before_drop_fragments"):
+                    config.insert_json5(f"{_CONGESTION}/drop/{wait}", json.dumps(self._block_us))
         except zenoh.ZError as error:
             raise BusError(f"zenoh options: {zenoh_reason(error)}") from None
         return config
 
+    @property
+    def _block_us(self) -> int:
+        return int(self.block_timeout_s * 1e6)
+
     def _inserted(self) -> list[tuple[str, Any]]:
-        block_us = int(self.block_timeout_s * 1e6)
         inserted: list[tuple[str, Any]] = [
             ("transport/shared_memory/enabled", False),
             ("transport/link/rx/max_message_size", _MESSAGE_BYTES_MAX),
-            ("transport/link/tx/queue/congestion_control/block/wait_before_close", block_us),
+            (f"{_CONGESTION}/block/wait_before_close", self._block_us),
             ("connect/retry", {"period_init_ms": 200, "period_max_ms": 2_000, "period_increase_factor": 2}),
         ]
         if self.options is None:
@@ -132,7 +143,7 @@ class ZenohBus:
         self._receive_queue = receive_queue
         self._queryables = (keys.pairs, keys.alerts) if config.history else (keys.pairs,)
         self._options = config.zenoh_config()
-        self._is_client = json.loads(self._options.get_json("mode")) == "client"
+        self._is_client = _is_client(self._options)
         self._listens = not self._is_client and bool(json.loads(self._options.get_json("listen/endpoints")))
         self._alerts = Worker("headway-alerts", config.alert_limit, zenoh.ZError)
         self._telemetry = Worker("headway-telemetry", _TELEMETRY_LIMIT, zenoh.ZError)
@@ -260,7 +271,8 @@ class ZenohBus:
             return
         is_alert = channel is Channel.ALERT
         worker = self._alerts if is_alert else self._telemetry
-        congestion = zenoh.CongestionControl.BLOCK if is_alert else zenoh.CongestionControl.DROP
+        is_blocking = is_alert and not self._is_client
+        congestion = zenoh.CongestionControl.BLOCK if is_blocking else zenoh.CongestionControl.DROP
 
         def put() -> None:
             if is_alert:
@@ -377,3 +389,7 @@ class ZenohBus:
             "subscriber disconnected: it took no alert for block_timeout_s",
             zenoh_id=peer, address=self._addresses.pop(peer, None), block_timeout_s=self._config.block_timeout_s,
         )  # fmt: skip
+
+
+def _is_client(config: zenoh.Config) -> bool:
+    return bool(json.loads(config.get_json("mode")) == "client")
