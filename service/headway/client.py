@@ -170,9 +170,8 @@ def history(
 def _missed(feed: Feed, event: Event, after: int) -> Iterator[Event]:
     """Yield the updates of the instance between a sequence number and that of an event, as the history holds them."""
     query = AlertsQuery(instance=event.instance, after_sequence=after, limit=LIMIT_MAX)
-    for update in reversed(feed.history([event.site], query).events):
-        if (update.sequence or 0) < (event.sequence or 0):
-            yield update
+    updates = {update.sequence or 0: update for update in feed.history([event.site], query).events}
+    yield from (updates[number] for number in sorted(updates) if number < (event.sequence or 0))
 
 
 def _listed(value: str | Sequence[str]) -> Sequence[str]:
