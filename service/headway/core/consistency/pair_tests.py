@@ -13,6 +13,7 @@ from scipy.special import expit
 from headway.core.consistency.attribution import FAULT_LOG_ODDS, decayed, follower_log_odds, is_witnessed
 from headway.core.consistency.forward_range import RANGING, RangingParams, ranging_reset_leader, ranging_step
 from headway.core.consistency.response import RESPONSE, ResponseParams, response_reset_leader, response_step
+from headway.core.runtime.prefetch import prefetch_row
 from headway.core.statistics.test_result import CHECK, check_budget
 from headway.core.types.records import Kind, Records, Sensor
 
@@ -91,6 +92,8 @@ def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: 
     `pair_tests` (C,) of PAIR_TESTS is changed in place.
     """
     for i in range(rows.size):
+        if i + 1 < rows.size:
+            prefetch_row(pair_tests, rows[i + 1], 0, pair_tests.itemsize)
         pair_test, z, verdict = pair_tests[rows[i]], readings[i], verdicts[i]
         step_pair(pair_test, leaders[i], z, p, verdict)
         verdict.follower_log_odds = 0.0

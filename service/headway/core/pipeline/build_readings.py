@@ -37,7 +37,8 @@ def build_readings(tables: Tables, batch: Columns, rows: I64, places: I64, decla
         pair, leaders[i] = tables.pairing[rows[i]], NO_LEADER
         if pair.leader_row == NO_LEADER or pair.generation != track.generation:
             continue
-        leader = estimate_before(tables, pair.leader_row, batch.received_us[places[i]] // SLOT_US)
+        newest, earlier = tables.estimates[pair.leader_row], tables.earlier_estimates[pair.leader_row]
+        leader = estimate_before(newest, earlier, batch.received_us[places[i]] // SLOT_US)
         if leader.generation != pair.leader_generation:
             continue
         leaders[i] = pair.leader_row

@@ -10,6 +10,7 @@ from headway.core.pipeline.estimates import store_estimate
 from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.ordering import SLOT_US
 from headway.core.pipeline.tables import RoundParams, Tables
+from headway.core.runtime.prefetch import prefetch_row
 from headway.core.types.batch import I64
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind, Records, Sensor
@@ -40,10 +41,15 @@ class Classified(NamedTuple):
 def store(tables: Tables, ingested: Ingested, received_us: I64, verdicts: Records) -> NDArray[np.bool_]:
     """Store each row's newest verdict and estimate, received at `received_us` (B,); return (n,) valid locations."""
     rows, location_valid = ingested.rows, np.empty(ingested.rows.size, np.bool_)
+    newest_verdicts, newest, earlier = tables.newest_verdicts, tables.estimates, tables.earlier_estimates
     for i in range(rows.size):
-        tables.newest_verdicts[rows[i]] = verdicts[i]
-        slot, t_s = received_us[ingested.places[i]] // SLOT_US, ingested.readings[i].t_s
-        store_estimate(tables, rows[i], slot, t_s, verdicts[i])
+        if i + 1 < rows.size:
+            prefetch_row(newest_verdicts, rows[i + 1], 0, newest_verdicts.itemsize)
+            prefetch_row(newest, rows[i + 1], 0, newest.itemsize)
+            prefetch_row(earlier, rows[i + 1], 0, earlier.itemsize)
+        row, slot = rows[i], received_us[ingested.places[i]] // SLOT_US
+        newest_verdicts[row] = verdicts[i]
+        store_estimate(newest[row], earlier[row], tables.tracks[row], slot, ingested.readings[i].t_s, verdicts[i])
         location_valid[i] = verdicts[i].sensor & _LOCATION == 0
     return location_valid
 

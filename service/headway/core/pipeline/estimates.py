@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from headway.core.pipeline.tables import Tables
 from headway.core.types.records import Records
 
 ESTIMATE = np.dtype(
@@ -27,17 +26,16 @@ def new_estimates(capacity: int) -> Records:
 
 
 @njit(cache=True, error_model="numpy")
-def store_estimate(tables: Tables, row: int, slot: int, t_s: float, verdict: Any) -> None:
-    """Store the estimate of a VERDICT for event time `t_s`, received in `slot`."""
-    newest, track = tables.estimates[row], tables.tracks[row]
+def store_estimate(newest: Any, earlier: Any, track: Any, slot: int, t_s: float, verdict: Any) -> None:
+    """Store the estimate of a VERDICT for event time `t_s`, received in `slot`, in the two of its row (ESTIMATE)."""
     if newest.slot != slot:
-        tables.earlier_estimates[row] = newest
+        earlier.slot, earlier.generation, earlier.t_s = newest.slot, newest.generation, newest.t_s
+        earlier.x_m, earlier.v_mps, earlier.length_m = newest.x_m, newest.v_mps, newest.length_m
     newest.slot, newest.generation, newest.t_s = slot, track.generation, t_s
     newest.x_m, newest.v_mps, newest.length_m = verdict.x_m, verdict.v_mps, track.length_m
 
 
 @njit(cache=True, error_model="numpy")
-def estimate_before(tables: Tables, row: int, slot: int) -> Any:
+def estimate_before(newest: Any, earlier: Any, slot: int) -> Any:
     """Return the newest ESTIMATE of before `slot`."""
-    newest = tables.estimates[row]
-    return tables.earlier_estimates[row] if newest.slot == slot else newest
+    return earlier if newest.slot == slot else newest

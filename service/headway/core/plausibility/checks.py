@@ -27,6 +27,7 @@ from headway.core.plausibility.state import (
     SPEED_FROZEN,
     SPEED_VALUE,
 )
+from headway.core.runtime.prefetch import prefetch_row
 from headway.core.types.records import Kind, Sensor
 
 _LOCATION, _SPEED, _BOTH = int(Sensor.LOCATION), int(Sensor.SPEED), int(Sensor.BOTH)
@@ -48,6 +49,8 @@ _CONTRADICTION_SCORE = 0.6  # of one: a clock that jumps once makes one
 def check_readings(rows: Any, at: Any, readings: Any, p: Limits, verdicts: Any) -> None:
     """Take `readings` (B,) into the distinct rows `at` (B,) of `rows` (PLAUSIBILITY), and begin the `verdicts` (B,)."""
     for i in range(at.size):
+        if i + 1 < at.size:
+            prefetch_row(rows, at[i + 1], 0, rows.itemsize)
         check(rows[at[i]], readings[i], p, verdicts[i])
 
 

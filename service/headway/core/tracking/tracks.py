@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from headway.core.runtime.prefetch import prefetch_row
 from headway.core.runtime.rows import wipe
 from headway.core.tracking.geodesy import displaced_deg, displacement_m
 from headway.core.tracking.odometer import CRUMB_SPACING_M, TURN_COS_MIN, rests, turn_cos, update_odometer
@@ -98,6 +99,8 @@ TRACK = np.dtype(
     align=True,
 )
 
+_CRUMBS_START = dict(TRACK.fields or {})["crumbs"][1]
+
 
 def new_tracks(capacity: int) -> Records:
     """Return `capacity` free rows of dtype TRACK."""
@@ -134,6 +137,8 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
     """
     done = Advance(np.empty(rows.size, np.uint8), np.zeros(rows.size, np.int64), np.zeros(rows.size, np.bool_))
     for i in range(rows.size):
+        if i + 1 < rows.size:
+            prefetch_row(tracks, rows[i + 1], 0, _CRUMBS_START)
         track, k = tracks[rows[i]], places[i]
         if _is_ahead(track, batch.received_us[k] - batch.t_us[k], batch.received_us[k]):
             done.outcome[i] = _FROM_THE_FUTURE

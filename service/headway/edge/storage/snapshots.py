@@ -14,6 +14,7 @@ import os
 import sys
 import zlib
 from collections.abc import Mapping
+from functools import reduce
 from io import BytesIO
 from pathlib import Path
 from typing import Any, Final
@@ -116,10 +117,10 @@ class Snapshots:
             self._is_whole = True
         try:
             content = _content(part, offset_us, self._maker())
-            checksum = zlib.crc32(content)
+            checksum = reduce(lambda of, piece: zlib.crc32(piece, of), content, 0)
             if last or self._checksums.get(place) != checksum:
                 self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-                _overwrite(self._folder / f"{place:02}.part", content + b"%08x" % checksum, sync=last)
+                _overwrite(self._folder / f"{place:02}.part", [*content, b"%08x" % checksum], sync=last)
                 self._checksums[place] = checksum
         except OSError as error:
             self._is_whole = False
@@ -137,22 +138,22 @@ class Snapshots:
         return {"format": _FORMAT, "site": identity.site, "byteorder": sys.byteorder, **identity.parameters}
 
 
-def _overwrite(path: Path, content: bytes, *, sync: bool) -> None:
-    """Write the file in place: a new file would go to the disk each time."""
+def _overwrite(path: Path, content: list[bytes | memoryview], *, sync: bool) -> None:
+    """Write the file in place, in one call: a new file would go to the disk each time."""
     file = os.open(path, os.O_WRONLY | os.O_CREAT, 0o600)
     try:
-        os.ftruncate(file, os.pwrite(file, content, 0))
+        os.ftruncate(file, os.pwritev(file, content, 0))
         if sync:
             os.fsync(file)
     finally:
         os.close(file)
 
 
-def _content(part: Snapshot, offset_us: int, maker: dict[str, float | str]) -> bytes:
+def _content(part: Snapshot, offset_us: int, maker: dict[str, float | str]) -> list[bytes | memoryview]:
+    """Return the pieces of a part: a line of JSON, then the tables as they are in memory."""
     header = {name: getattr(part, name) for name in ("ids", "events", "pair_events", "misses")}
     header |= {"maker": maker, "clock_offset_us": round(offset_us, -3), "rows": part.rows.tolist()}
-    tables = (table.view(np.uint8).data for table in part.tables.values())
-    return b"".join((json.dumps(header).encode(), b"\n", *tables))
+    return [json.dumps(header).encode() + b"\n", *(table.view(np.uint8).data for table in part.tables.values())]
 
 
 def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
