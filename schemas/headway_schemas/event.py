@@ -122,12 +122,23 @@ class Deviation(Message):
     v_mps: Number
 
 
+class OriginalMessage(Message):
+    """A message as it was received."""
+
+    received_us: TUs
+    encoding: str
+    payload: Blob
+    """The octets as the sender or the gateway received them; a record of a bundle is encoded again by itself."""
+
+
 class Evidence(Message):
     """The readings around the verdict, enough to replay it: a table that names its own columns."""
 
     columns: Annotated[tuple[str, ...], Field(strict=False)]
     readings: Annotated[tuple[Annotated[tuple[Number, ...], Field(strict=False)], ...], Field(strict=False)]
     """One row per reading, oldest first, the scored one last; values in the order of `columns`."""
+    messages: Annotated[tuple[OriginalMessage, ...], Field(strict=False)] = ()
+    """Newest messages of the suspect up to the reading, oldest first, as far as the service still had them."""
     checkpoint: Blob | None = None
     """The pair's row of the bank before the first of the readings."""
     parameters: Annotated[dict[str, Number | str], Field(default_factory=dict)]

@@ -178,6 +178,12 @@ class Settings(BaseSettings):
     suspect_refill_s: float = _setting(
         600.0, "Time after which a suspect may have one more event of its own.", "s", gt=0, le=86_400
     )
+    history_mb: float = _setting(
+        32.0, "Memory for original messages, of the last ten seconds at most; 0 keeps none.", "MB", ge=0, le=1e5
+    )
+    evidence_messages_bytes: int = _setting(
+        8_192, "Most bytes of original messages of the suspect in the evidence of an event.", "B", ge=0, le=1 << 20
+    )
     alert_queue_limit: int = _setting(
         10_000, "Most alerts that wait for a slow bus; beyond it the oldest is dropped and counted.", ge=1, le=1_000_000
     )

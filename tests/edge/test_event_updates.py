@@ -7,6 +7,7 @@ from sim.rig import IDENTITY, KEYS
 from headway.core.types.step_result import Phase
 from headway.edge.codec.messages import Timing
 from headway.edge.event_updates import QUIET_NS, EventUpdates
+from headway.edge.message_history import MessageHistory
 
 S = 1_000_000_000
 BURST, REFILL_S = 3, 600.0
@@ -14,7 +15,7 @@ BURST, REFILL_S = 3, 600.0
 
 @pytest.fixture
 def updates() -> EventUpdates:
-    return EventUpdates(IDENTITY, KEYS, burst=BURST, refill_s=REFILL_S)
+    return EventUpdates(IDENTITY, KEYS, MessageHistory(0, 0), burst=BURST, refill_s=REFILL_S)
 
 
 def of(updates: EventUpdates, at_s: float, *events) -> list:
@@ -83,7 +84,7 @@ def test_what_was_left_open_is_ended(updates) -> None:
 
 def test_what_a_process_before_left_open_is_ended(updates) -> None:
     [onset] = of(updates, 0.0, event())
-    after = EventUpdates(IDENTITY, KEYS, burst=BURST, refill_s=REFILL_S)
+    after = EventUpdates(IDENTITY, KEYS, MessageHistory(0, 0), burst=BURST, refill_s=REFILL_S)
     after.adopt([onset])
     assert [update.event.event_id for update in after.end_others(set(), 77)] == [onset.event_id]
     assert after.end_others(set(), 78) == []

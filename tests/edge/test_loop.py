@@ -3,6 +3,7 @@
 import json
 from collections import Counter
 
+import msgpack
 import pytest
 from edge.codec.messages import ids_of, received, record
 from edge.stub import StubEngine, event
@@ -299,3 +300,15 @@ def test_a_clock_that_leaps_moves_the_offset_and_no_duration() -> None:
     rig.loop.iterate()
     assert rig.engine.now_us == [start_us, start_us + 100_000]
     assert rig.engine.clock_offset_us == 31 * 86_400_000_000
+
+
+def test_an_onset_carries_the_messages_of_its_suspect_and_what_they_break() -> None:
+    rig = Rig(StubEngine())
+    sent = [received([record("other"), record("car1", msg_cnt=n, t_us=n)], "gw-1") for n in range(3)]
+    for message in sent:
+        rig.bus.deliver(message)
+    rig.engine.events = [event(t_us=1, observations=("speed_change", "interval"))]
+    rig.loop.iterate()
+    published = Event.model_validate_json(rig.bus.on(Channel.ALERT)[0][1])
+    assert published.observations == ("speed_change", "interval")
+    assert [msgpack.unpackb(one.payload)[2] for one in published.evidence.messages] == [0, 1]

@@ -11,6 +11,7 @@ from headway.edge.codec.decoder import Codec
 from headway.edge.context import ServiceContext
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
+from headway.edge.message_history import MessageHistory
 from headway.edge.storage.persistence import Persistence, PersistenceConfig
 from headway.edge.telemetry.accounting import Ledger
 from headway.edge.telemetry.health import HealthState
@@ -57,6 +58,7 @@ class Rig:
             health=self.health,
             ledger=self.ledger,
             latencies=self.latencies,
+            history=MessageHistory(1 << 20, 8_192),
             vehicle_capacity=100,
             queue_limit=self.queue_limit,
             alarm_budget_per_hour=0.5,

@@ -58,7 +58,8 @@ def export(
     form: Annotated[
         str | None,
         typer.Option(
-            "--format", help="jsonl with evidence; csv or parquet without; mr: ETSI reports. By default OUT's ending."
+            "--format",
+            help="jsonl with evidence; csv or parquet without; mr, mr-coer: ETSI reports. Else OUT's ending.",
         ),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite OUT without a question.")] = False,

@@ -6,6 +6,7 @@ from headway.core.engine import Engine
 from headway.edge.clock import Clock
 from headway.edge.codec.decoder import Codec
 from headway.edge.identity import Identity
+from headway.edge.message_history import MessageHistory
 from headway.edge.storage.persistence import Persistence
 from headway.edge.telemetry.accounting import Ledger
 from headway.edge.telemetry.health import HealthState
@@ -27,6 +28,7 @@ class ServiceContext:
     health: HealthState
     ledger: Ledger
     latencies: Latencies
+    history: MessageHistory
     vehicle_capacity: int
     queue_limit: int
     alarm_budget_per_hour: float

@@ -12,6 +12,7 @@ from headway.core.types.step_result import AnomalyEvent
 from headway.core.types.step_result import Phase as OfEngine
 from headway.edge.codec.messages import Timing, encode, event_message
 from headway.edge.identity import Identity
+from headway.edge.message_history import MessageHistory
 from headway.edge.storage.journal import EventUpdate
 from headway_schemas.event import Event, Phase
 from headway_schemas.keys import Keys
@@ -43,14 +44,17 @@ class EventUpdates:
 
     Parameters
     ----------
+    history
+        Original messages, for the evidence.
     burst
         Events of one suspect that are published one by one.
     refill_s
         After this long one more is.
     """
 
-    def __init__(self, identity: Identity, keys: Keys, *, burst: int, refill_s: float) -> None:
+    def __init__(self, identity: Identity, keys: Keys, history: MessageHistory, *, burst: int, refill_s: float) -> None:
         self._identity = identity
+        self._history = history
         self._keys = keys
         self._burst = burst
         self._refill_ns = refill_s * 1e9
@@ -80,7 +84,7 @@ class EventUpdates:
         updates = []
         for event in events:
             if self._admit(event, now_ns, timing):
-                message = event_message(event, self._identity, timing)
+                message = event_message(event, self._identity, timing, self._history.of)
                 self._open[event.event_id] = message.model_copy(update={"evidence": None})
                 updates.append(self._number(message))
         if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
@@ -132,7 +136,7 @@ class EventUpdates:
         suspect.counted += 1
         suspect.newest_ns = now_ns
         if suspect.summary is None:
-            suspect.summary = event_message(event, self._identity, timing)
+            suspect.summary = event_message(event, self._identity, timing, self._history.of)
 
     def _summaries(self, now_ns: int, detected_us: int) -> Iterator[Event]:
         """Yield the summaries that are due, and drop suspects whose quota is whole again."""

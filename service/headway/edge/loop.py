@@ -68,6 +68,7 @@ class ServiceLoop:
         self._health = context.health
         self._ledger = context.ledger
         self._latencies = context.latencies
+        self._history = context.history
         self._persistence = context.persistence
         self._reporter = reporter
         self._tick_ns = self._iteration_ns = self._received_ns = self._collected_ns = self._copies_ns = (
@@ -76,8 +77,9 @@ class ServiceLoop:
         self._open_ns = self._tick_ns
         self._copies: Counter[Outcome] = Counter()
         self._event_updates = EventUpdates(
-            context.identity, context.keys, burst=config.suspect_burst, refill_s=config.suspect_refill_s
-        )
+            context.identity, context.keys, context.history,
+            burst=config.suspect_burst, refill_s=config.suspect_refill_s,
+        )  # fmt: skip
         self._shed = 0
         self._until_us = 0
         """Local time until which every message has reached the engine."""
@@ -153,6 +155,7 @@ class ServiceLoop:
         drained_us = self._clock.local_us()
         clock_offset_us = self._clock.wall_us() - drained_us
         decoded = self._codec.decode(messages, clock_offset_us)
+        self._history.add(messages, decoded, clock_offset_us)
         decoded_ns = self._clock.monotonic_ns()
         result = self._engine.step(decoded.batch, self._received_until_us(messages, drained_us), clock_offset_us)
         detected_ns = self._clock.monotonic_ns()

@@ -9,16 +9,24 @@ from sim.rig import IDENTITY, KEYS
 from headway.edge.codec.messages import Timing, encode, event_message
 from headway.edge.storage.journal import EventUpdate
 from headway.edge.storage.journal_query import page
-from headway_schemas.event import Event, Phase
+from headway_schemas.encodings import J2735_RAW
+from headway_schemas.event import Event, OriginalMessage, Phase
 from headway_schemas.query import AlertsQuery
 
 
 def update(detected_us: int, sequence: int = 1, **changes) -> EventUpdate:
     """Return an update that was detected then; unless told, with an `event_id` and `t_us` of its own."""
     of = {"event_id": f"e{detected_us}", "t_us": detected_us} | changes
-    message = event_message(event(**of), IDENTITY, Timing(detected_us, 0, 0, 0))
+    message = event_message(
+        event(**of), IDENTITY, Timing(detected_us, 0, 0, 0), lambda suspect, t_us: (original(suspect, t_us),)
+    )
     message = message.model_copy(update={"instance": IDENTITY.instance, "sequence": sequence})
     return EventUpdate(message, KEYS.alert(message.kind, message.suspect), encode(message))
+
+
+def original(suspect: str, t_us: int) -> OriginalMessage:
+    """Return a message that tells the journal nothing."""
+    return OriginalMessage(received_us=t_us, encoding=J2735_RAW, payload=f'{{"id":"{suspect}"}},"checkpoint":'.encode())
 
 
 def query(**asked) -> AlertsQuery:

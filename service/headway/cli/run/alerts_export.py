@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import IO, Any, Final
 
 from headway.cli.run.alerts import in_one_line
-from headway.cli.run.misbehaviour_report import write_reports
+from headway.cli.run.misbehaviour.coer import write_coer
+from headway.cli.run.misbehaviour.report import write_reports
 from headway.cli.run.output_file import replaced
 from headway.edge.storage import journal_query
 from headway.errors import UserError
@@ -34,7 +35,7 @@ def writer(form: str | None, out: Path | None) -> Writer:
     if chosen not in _WRITERS:
         wanted = f"--format {form}" if form else f"{out}"
         raise UserError(
-            f"{wanted}: choose jsonl, csv or parquet, as the ending of the file or with --format, or --format mr"
+            f"{wanted}: choose jsonl, csv or parquet, as the ending of the file or with --format, or mr, mr-coer"
         )
     if chosen == "parquet" and out is None:
         raise UserError("--format parquet is no text: name a file to write")
@@ -117,4 +118,5 @@ _WRITERS: Final[dict[str, Writer]] = {
     "csv": write_csv,
     "parquet": write_parquet,
     "mr": write_reports,
+    "mr-coer": write_coer,
 }

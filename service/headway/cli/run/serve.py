@@ -16,6 +16,7 @@ from headway.edge.codec.evidence import parameters
 from headway.edge.context import ServiceContext
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
+from headway.edge.message_history import MessageHistory
 from headway.edge.storage.journal import Resumed
 from headway.edge.storage.persistence import Persistence, PersistenceConfig
 from headway.edge.telemetry import logging_setup
@@ -89,6 +90,7 @@ def serve(loaded: Loaded) -> None:
         health=health,
         ledger=ledger,
         latencies=latencies,
+        history=MessageHistory(round(settings.history_mb * 1e6), settings.evidence_messages_bytes),
         vehicle_capacity=settings.vehicle_capacity,
         queue_limit=settings.queue_limit,
         alarm_budget_per_hour=settings.alarm_budget_per_hour,

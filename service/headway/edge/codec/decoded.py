@@ -25,6 +25,8 @@ class Decoded:
     batch: Batch
     sources: I64
     """(B,) for each record of the batch, the index of its message."""
+    indices: I64
+    """(B,) for each record, its index in the payload of that message."""
     rejections: list[Rejection]
 
 
@@ -42,6 +44,12 @@ class DecodedRecords:
 def received_us_of(messages: Sequence[ReceivedMessage]) -> I64:
     """Return (M,) the receive times of messages."""
     return np.fromiter(map(_RECEIVED_US, messages), np.int64, len(messages))
+
+
+def indices_in(sizes: I64) -> I64:
+    """Return (R,) the index of each record in its payload, for payloads of (P,) `sizes` records."""
+    indices: I64 = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    return indices
 
 
 def batch_of(ids: Ids, leader_ids: Ids, numbers: dict[str, F64], received_us: I64) -> Batch:
@@ -72,7 +80,9 @@ def joined(parts: Sequence[Decoded]) -> Decoded:
         field.name: np.concatenate([getattr(part.batch, field.name) for part in parts])[order]
         for field in fields(Batch)
     }
-    return Decoded(Batch(**columns), sources[order], [one for part in parts for one in part.rejections])
+    indices = np.concatenate([part.indices for part in parts])
+    rejections = [one for part in parts for one in part.rejections]
+    return Decoded(Batch(**columns), sources[order], indices[order], rejections)
 
 
 def may_send(owner: str, sender: Any) -> bool:

@@ -25,6 +25,7 @@ from headway.edge.codec.decoded import (
     Decoded,
     DecodedRecords,
     batch_of,
+    indices_in,
     joined,
     may_send,
     received_us_of,
@@ -124,12 +125,12 @@ class Codec:
         read = self._read_compact(messages)
         if read is None:
             return None
-        sources = np.arange(len(messages))
+        sources, indices = np.arange(len(messages)), np.zeros(len(messages), np.int64)
         if read.ids.size > len(messages):
-            sources = np.repeat(sources, read.sizes)
+            sources, indices = np.repeat(sources, read.sizes), indices_in(read.sizes)
         numbers = dict(zip(msgpack_columns.NAMES, read.numbers, strict=True))
         batch = batch_of(read.ids, read.leader_ids, numbers, received_us_of(messages)[sources])
-        return Decoded(batch, sources, [])
+        return Decoded(batch, sources, indices, [])
 
     def _read_compact(self, messages: Sequence[ReceivedMessage]) -> CompactRecords | None:
         """Read valid compact records under known keys; None if a message is anything else."""
@@ -186,19 +187,20 @@ class Codec:
         opened, rejections = self._open(messages)
         sizes = np.array(opened.sizes, dtype=np.int64)
         sources = np.repeat(np.array(opened.sources, dtype=np.int64), sizes)
+        indices = indices_in(sizes)
         ids, leader_ids, numbers, good = self._columns(opened.records)
         owners = list(chain.from_iterable(map(repeat, opened.owners, opened.sizes)))
         if ids != owners:
             good[[not may_send(owner, sender) for owner, sender in zip(owners, ids, strict=True)]] = False
         if not good.all():
-            places = np.arange(sources.size) - np.repeat(np.cumsum(sizes) - sizes, sizes)
             for i in np.flatnonzero(~good):
                 reason = _reject_reason(opened.records[i]) or NOT_THE_SENDER
-                rejections.append(Rejection(reason, messages[sources[i]], index=int(places[i])))
+                rejections.append(Rejection(reason, messages[sources[i]], index=int(indices[i])))
         kept = np.flatnonzero(good)
         sources = sources[kept]
         received_us = received_us_of(messages)[sources]
-        return Decoded(batch_of(*_kept(kept, ids, leader_ids, numbers), received_us), sources, rejections)
+        batch = batch_of(*_kept(kept, ids, leader_ids, numbers), received_us)
+        return Decoded(batch, sources, indices[kept], rejections)
 
     def decode_records(self, records: list[Any], received_us: Sequence[int | None]) -> DecodedRecords:
         """Turn compact records of anybody into a batch, in their order, and name what is wrong with the rest.

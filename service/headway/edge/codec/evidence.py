@@ -23,8 +23,8 @@ def parameters(config: DetectorConfig, version: str, core: str) -> dict[str, flo
     return {**of, "version": version, "core": core}
 
 
-def to_wire(evidence: Evidence, identity: Identity) -> wire.Evidence:
-    """Return what is needed to compute the verdict again.
+def to_wire(evidence: Evidence, identity: Identity, messages: tuple[wire.OriginalMessage, ...] = ()) -> wire.Evidence:
+    """Return what is needed to compute the verdict again, and the messages themselves.
 
     Its hundreds of numbers are our own; validating them would be most of the cost of an event.
     """
@@ -34,6 +34,7 @@ def to_wire(evidence: Evidence, identity: Identity) -> wire.Evidence:
     return wire.Evidence.model_construct(
         columns=(*_READING, _LEADER),
         readings=tuple(map(tuple, table.tolist())),
+        messages=messages,
         checkpoint=evidence.checkpoint.tobytes(),
         parameters=dict(identity.parameters),
     )

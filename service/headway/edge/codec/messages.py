@@ -1,6 +1,6 @@
 """What the service publishes, as messages of the wire contract."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from typing import Any, Final, NamedTuple
 
@@ -52,8 +52,19 @@ class Timing(NamedTuple):
         return self.drained_us + self.clock_offset_us + self.decode_us + self.detect_us
 
 
-def event_message(event: AnomalyEvent, identity: Identity, timing: Timing) -> wire.Event:
-    """Return what goes to the alert topic; the evidence, which is of the first reading, goes with the onset."""
+def event_message(
+    event: AnomalyEvent,
+    identity: Identity,
+    timing: Timing,
+    messages: Callable[[str, int], tuple[wire.OriginalMessage, ...]] = lambda _suspect, _t_us: (),
+) -> wire.Event:
+    """Return what goes to the alert topic; the evidence, which is of the first reading, goes with the onset.
+
+    `messages` returns the original messages of a suspect up to an event time.
+    """
+    evidence = None
+    if event.evidence is not None and event.phase is Phase.ONSET:
+        evidence = to_wire(event.evidence, identity, messages(event.suspect, event.t_us))
     latency_us = {
         wire.Stage.WIRE: event.received_us + timing.clock_offset_us - event.t_us,
         wire.Stage.DECODE: timing.decode_us,
@@ -87,7 +98,7 @@ def event_message(event: AnomalyEvent, identity: Identity, timing: Timing) -> wi
         confidence=event.confidence,
         observations=tuple(map(wire.Observation, event.observations)),
         etsi_target=_ETSI_TARGET.get(event.sensor),
-        evidence=to_wire(event.evidence, identity) if event.evidence and event.phase is Phase.ONSET else None,
+        evidence=evidence,
     )
 
 

@@ -56,6 +56,7 @@ class UperFrames:
         numbers = {name: column[kept] for name, column in read.numbers.items()}
         numbers |= {name: np.full(kept.size, np.nan) for name in ("range_m", "range_rate_mps")}
         sources = np.array(self.sources, np.int64)[kept]
+        indices = np.array(self.places, np.int64)[kept]
         received_us = received_us_of(messages)[sources]
         batch = batch_of(read.ids[kept].astype(ID), np.zeros(kept.size, ID), numbers, received_us)
-        return Decoded(batch, sources, rejections + refused)
+        return Decoded(batch, sources, indices, rejections + refused)

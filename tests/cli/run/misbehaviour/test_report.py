@@ -1,26 +1,31 @@
 import io
 import json
+from collections.abc import Sequence
 from datetime import UTC, datetime
 
 import pytest
 
-from headway.cli.run.misbehaviour_report import report_of, write_reports
+from headway.cli.run.misbehaviour.report import report_of, write_reports
 from headway_schemas import Event
-from headway_schemas.event import Kind, Observation, Phase, Sensor
+from headway_schemas.encodings import J2735_UPER
+from headway_schemas.event import Evidence, Kind, Observation, OriginalMessage, Phase, Sensor
 
 DETECTED = datetime(2024, 5, 1, 12, 0, tzinfo=UTC)
 
 
-def event(*observations: Observation, phase: Phase = Phase.ONSET) -> Event:
+def event(*observations: Observation, phase: Phase = Phase.ONSET, messages: Sequence[bytes] = ()) -> Event:
     us = round(DETECTED.timestamp() * 1e6)
+    originals = tuple(OriginalMessage(received_us=us, encoding=J2735_UPER, payload=one) for one in messages)
+    evidence = Evidence(columns=(), readings=(), messages=originals) if messages else None
     return Event(
         event_id="i-1", phase=phase, kind=Kind.SHORT, sensor=Sensor.LOCATION, suspect="a", follower="a", site="s",
         t_us=us - 1000, detected_us=us, model="headway", config_hash="c", observations=observations,
+        evidence=evidence,
     )  # fmt: skip
 
 
-def report(*observations: Observation) -> dict:
-    return report_of(json.loads(event(*observations).model_dump_json()))
+def report(*observations: Observation, messages: Sequence[bytes] = ()) -> dict:
+    return report_of(json.loads(event(*observations, messages=messages).model_dump_json()))
 
 
 @pytest.mark.parametrize(
@@ -51,3 +56,25 @@ def test_the_end_of_an_event_is_no_report() -> None:
     out = io.BytesIO()
     assert write_reports(lines, out) == 2
     assert [json.loads(line)["headway"]["phase"] for line in out.getvalue().splitlines()] == ["onset", "update"]
+
+
+@pytest.mark.parametrize(
+    ("message", "pdu"),
+    [
+        (b"\x00\x14\x01", "038003001401"),
+        (b"001401", "038003001401"),
+        (b"\x03\x80\x01a", "03800161"),
+        (b"\x03\x81\x00", "038100"),
+        (bytes(200), "038081C8" + "00" * 200),
+        (bytes(300), "038082012C" + "00" * 300),
+    ],
+)
+def test_the_evidence_is_the_original_messages(message: bytes, pdu: str) -> None:
+    made = report(Observation.INTERVAL, messages=[b"\x00\x14\x02", message])
+    (stream,) = made["report"]["content"]["v2xPduEvidence"]
+    assert stream == {"type": 2, "v2xPdus": ["038003001402", pdu], "subjectPduIndex": 1}
+    assert [one["encoding"] for one in made["headway"]["messages"]] == [J2735_UPER] * 2
+
+
+def test_without_messages_there_is_no_stream() -> None:
+    assert report(Observation.INTERVAL)["report"]["content"]["v2xPduEvidence"] == []

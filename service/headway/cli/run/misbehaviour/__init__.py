@@ -1,0 +1,1 @@
+"""Events as misbehaviour reports of ETSI TS 103 759."""

@@ -1,0 +1,121 @@
+"""Original messages of the last seconds, for the evidence of events.
+
+The loop adds references to what it has received: nothing is copied, and a batch costs a few microseconds. Only an event
+searches for the messages of its suspect and takes them out of their bundles.
+"""
+
+from collections import deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from operator import itemgetter
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from headway.core.types.batch import I64, Ids
+from headway.core.types.identifiers import id_column, id_words
+from headway.edge.codec.decoded import Decoded
+from headway.edge.codec.originals import original_of
+from headway.edge.transport.message import ReceivedMessage
+from headway_schemas.event import OriginalMessage
+
+MESSAGES_MAX: Final = 32
+"""Most messages of one event."""
+AGE_NS: Final = 10_000_000_000
+_SPAN_NS: Final = 250_000_000
+_OBJECT_BYTES: Final = 100
+"""Memory of a payload and its places in lists, besides its octets."""
+_PAYLOAD: Final = itemgetter(ReceivedMessage._fields.index("payload"))
+_ENCODING: Final = itemgetter(ReceivedMessage._fields.index("encoding"))
+
+
+class _Records(NamedTuple):
+    """R decoded records."""
+
+    ids: Ids
+    t_us: I64
+    received_us: I64
+    """In Unix time."""
+    places: I64
+    """Of their payload within the span."""
+    indices: I64
+    """Of the record in that payload."""
+
+
+@dataclass(slots=True)
+class _Span:
+    """What came within a quarter of a second."""
+
+    since_ns: int
+    payloads: list[bytes] = field(default_factory=list)
+    encodings: list[str] = field(default_factory=list)
+    parts: list[_Records] = field(default_factory=list)
+    size: int = 0
+    """Bytes of memory."""
+
+    def add(self, messages: Sequence[ReceivedMessage], decoded: Decoded, clock_offset_us: int) -> int:
+        """Take references; return how many bytes they hold in memory."""
+        batch, first = decoded.batch, len(self.payloads)
+        payloads = list(map(_PAYLOAD, messages))
+        self.payloads += payloads
+        self.encodings += map(_ENCODING, messages)
+        received_us = batch.received_us + clock_offset_us
+        part = _Records(batch.ids, batch.t_us, received_us, decoded.sources + first, decoded.indices)
+        self.parts.append(part)
+        size = sum(map(len, payloads)) + _OBJECT_BYTES * len(payloads) + sum(column.nbytes for column in part)
+        self.size += size
+        return size
+
+    def newest_first(self, vehicle: Ids, until_us: int) -> Iterator[OriginalMessage]:
+        """Yield the messages of a vehicle (1,) up to an event time."""
+        if len(self.parts) > 1:
+            self.parts = [_Records(*map(np.concatenate, zip(*self.parts, strict=True)))]
+        (records,) = self.parts
+        words, wanted = id_words(records.ids), id_words(vehicle)
+        rows = np.flatnonzero((words[:, 0] == wanted[0, 0]) & (records.t_us <= until_us))
+        rows = rows[(words[rows] == wanted).all(axis=1)]
+        for row in rows[::-1].tolist():
+            place, index = int(records.places[row]), int(records.indices[row])
+            yield original_of(self.payloads[place], self.encodings[place], index, int(records.received_us[row]))
+
+
+class MessageHistory:
+    """Keeps messages for ten seconds at most.
+
+    Parameters
+    ----------
+    bytes_limit
+        Memory for all messages; beyond it the oldest quarter of a second is dropped.
+    event_bytes_limit
+        Octets of messages for one event.
+    """
+
+    def __init__(self, bytes_limit: int, event_bytes_limit: int) -> None:
+        self._bytes_limit = bytes_limit
+        self._event_bytes_limit = event_bytes_limit
+        self._spans: deque[_Span] = deque()
+        self.size = 0
+        """Bytes of memory."""
+
+    def add(self, messages: Sequence[ReceivedMessage], decoded: Decoded, clock_offset_us: int) -> None:
+        """Keep the messages of a batch; `clock_offset_us` takes their time of reception to Unix time."""
+        if not (self._bytes_limit and messages and len(decoded.batch)):
+            return
+        now_ns = messages[-1].received_ns
+        if not self._spans or now_ns - self._spans[-1].since_ns > _SPAN_NS:
+            self._spans.append(_Span(now_ns))
+        self.size += self._spans[-1].add(messages, decoded, clock_offset_us)
+        while self._spans and (self.size > self._bytes_limit or now_ns - self._spans[0].since_ns > AGE_NS):
+            self.size -= self._spans.popleft().size
+
+    def of(self, vehicle: str, until_us: int) -> tuple[OriginalMessage, ...]:
+        """Return the newest messages of a vehicle up to an event time, oldest first, as far as they are kept."""
+        found: list[OriginalMessage] = []
+        size, wanted = 0, id_column([vehicle])
+        for span in reversed(self._spans):
+            for message in span.newest_first(wanted, until_us):
+                size += len(message.payload)
+                if size > self._event_bytes_limit or len(found) == MESSAGES_MAX:
+                    return tuple(found[::-1])
+                found.append(message)
+        return tuple(found[::-1])
