@@ -17,11 +17,11 @@ import zenoh
 from pydantic import ValidationError
 
 from headway.errors import UserError, zenoh_reason
-from headway_schemas import Event, Health, Keys, PairState, RejectedCopy
+from headway_schemas import Event, Health, Keys, PairState, RejectedCopy, SensorQuality
 from headway_schemas.query import EVENTS, LIMIT_MAX, AlertsQuery
 from headway_schemas.sequence import SequenceGaps
 
-Message: TypeAlias = Event | PairState | Health | RejectedCopy
+Message: TypeAlias = Event | PairState | Health | RejectedCopy | SensorQuality
 
 BUFFER_LIMIT: Final = 50_000
 """Most messages that wait on one channel of a site; beyond it the oldest is dropped and counted."""
@@ -219,7 +219,7 @@ class BusFeed:
         *,
         prefix: str = "v2x",
         zenoh_config: Path | None = None,
-        messages: Sequence[type[Message]] = (Event, Health, PairState, RejectedCopy),
+        messages: Sequence[type[Message]] = (Event, Health, PairState, RejectedCopy, SensorQuality),
         buffer_limit: int = BUFFER_LIMIT,
     ) -> None:
         try:
@@ -237,6 +237,7 @@ class BusFeed:
                 (keys.every_health, Health),
                 (keys.every_pair_state, PairState),
                 (keys.every_rejected, RejectedCopy),
+                (keys.every_quality, SensorQuality),
             )
             if model in messages
         ]

@@ -1,19 +1,16 @@
 """The page in a real browser: run by `make browser`."""
 
 import os
-import subprocess
 import sys
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from browser.devtools import Browser, chromium
-from fake_service import Service, Traffic, event, free_port, health, service
+from browser.devtools import Browser
+from browser.serving import alerts, alive, fill, live, text, visit, wall_us
+from fake_service import Traffic, event, service
 
 from headway_schemas import Event, Kind, Phase, RejectedCopy, Sensor
 
@@ -39,86 +36,6 @@ new Promise((done) => {
   requestAnimationFrame(step);
 })
 """
-
-
-def wall_us() -> int:
-    return time.time_ns() // 1000
-
-
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    with chromium(tmp_path_factory.mktemp("profile")) as opened:
-        yield opened
-
-
-@pytest.fixture
-def endpoint() -> str:
-    return f"tcp/127.0.0.1:{free_port()}"
-
-
-@pytest.fixture
-def origin(endpoint: str) -> Iterator[str]:
-    """Address of a dashboard in a process of its own."""
-    port = free_port()
-    start = f"from headway.dashboard.server import serve; serve(connect=[{endpoint!r}], sites=['local'], port={port})"
-    process = subprocess.Popen([sys.executable, "-c", start], stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    assert "headway dashboard: http" in process.stderr.readline()
-    yield f"http://127.0.0.1:{port}"
-    process.terminate()
-    _, complaints = process.communicate(timeout=20)
-    assert complaints == ""
-
-
-@contextmanager
-def visit(browser: Browser, origin: str) -> Iterator[Browser]:
-    """Open the page, and see at the end that nothing was asked of others and nothing failed."""
-    browser.requested.clear()
-    browser.complaints.clear()
-    browser.goto(f"{origin}/")
-    yield browser
-    assert browser.complaints == []
-    assert [address for address in browser.requested if not address.startswith((origin, "data:image/"))] == []
-    browser.goto("about:blank")
-
-
-@pytest.fixture
-def page(browser: Browser, origin: str) -> Iterator[Browser]:
-    with visit(browser, origin) as opened:
-        yield opened
-
-
-@contextmanager
-def alive(running: Service, traffic: Traffic, rate_hz: float = 2.0) -> Iterator[None]:
-    """Tell the state of the traffic and the health of the service until the end."""
-    ended = threading.Event()
-
-    def publish() -> None:
-        started, refresh = time.monotonic(), 0
-        while not ended.wait(max(0.0, started + refresh / rate_hz - time.monotonic())):
-            running.publish(*traffic.states(time.monotonic() - started, wall_us()))
-            if refresh % max(1, int(rate_hz)) == 0:
-                running.publish(health(100 + time.monotonic() - started, wall_us(), vehicles=traffic.vehicles))
-            refresh += 1
-
-    thread = threading.Thread(target=publish)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-
-
-def live(page: Browser) -> None:
-    page.until("document.getElementById('line').dataset.state === 'up'", within_s=20)
-
-
-def alerts(page: Browser) -> list[str]:
-    shown: list[str] = page.run(
-        "[...document.querySelectorAll('#alerts [data-event]')].map((row) => row.dataset.event)"
-    )
-    return shown
 
 
 def busy_ms(page: Browser) -> float:
@@ -189,7 +106,7 @@ def test_a_page_that_opens_late_shows_what_it_missed(browser: Browser, origin: s
         running.publish(*(event(n, t_us=wall_us()) for n in range(1, 6)))
         while len(httpx.get(f"{origin}/history").json()["updates"]) < 5:
             time.sleep(0.1)
-        with visit(browser, origin) as page:
+        with visit(browser, f"{origin}/") as page:
             live(page)
             page.until("document.querySelectorAll('#alerts [data-event]').length === 5")
             page.until("document.querySelectorAll('#history tr').length === 5")
@@ -204,15 +121,12 @@ def test_filters_narrow_alerts_and_history(page: Browser, endpoint: str) -> None
             event(3, kind=Kind.MISS, sensor=Sensor.LINK, t_us=wall_us()),
         )
         page.until("document.querySelectorAll('#alerts [data-event]').length === 3")
-        fill = "const f = document.getElementById('filter').elements.{0}; f.value = '{1}';"
-        for name in ("input", "change"):
-            fill += f" f.dispatchEvent(new Event('{name}', {{{{ bubbles: true }}}}));"
-        page.run("{" + fill.format("kind", "drift") + "}")
+        fill(page, "kind", "drift")
         assert alerts(page) == ["veh-0002-2"]
         page.until("document.querySelectorAll('#history tr').length === 1")
         page.run("document.querySelector('#filter [type=reset]').click()")
         page.until("document.querySelectorAll('#history tr').length === 3")
-        page.run("{" + fill.format("vehicle", "veh-0003") + "}")
+        fill(page, "vehicle", "veh-0003")
         assert alerts(page) == ["veh-0003-3", "veh-0002-2"]  # the suspect, and whoever is behind it
         page.until("document.querySelectorAll('#history tr').length === 2")
 
@@ -224,10 +138,13 @@ def test_evidence_is_drawn(page: Browser, endpoint: str) -> None:
         for second in range(3):
             phase = Phase.UPDATE if second else Phase.ONSET
             running.publish(event(1, phase, t_us=at_us + 1_000_000 * second, onset_us=at_us))
+        page.until("document.querySelectorAll('#alerts [data-event]').length === 1")
+        page.run("document.querySelector('#alerts [data-event]').click()")
         page.until("document.querySelectorAll('.plot .prediction .marks').length === 6")
         assert page.run("document.querySelectorAll('.plot .reading .dots').length") == 2 * 60
         assert page.run("document.querySelectorAll('.plot .gate .dash').length") == 1
-        assert "statistic 66.9 over a gate of 13.8" in page.run("document.getElementById('verdict').textContent")
+        assert "veh-0001 says it is 4.00 m/s faster than it can be." in page.run(text("verdict"))
+        assert "66.9, gate 13.8" in page.run(text("facts"))
 
 
 def test_what_a_sender_writes_stays_text(page: Browser, endpoint: str) -> None:

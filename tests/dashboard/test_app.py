@@ -34,6 +34,22 @@ def test_history_by_site_and_kind(client: PageClient) -> None:
     assert client.get("/history", params={"kind": "drift", "site": "local"}).json()["updates"] == []
 
 
+def test_history_of_events_as_they_are_known_now(client: PageClient) -> None:
+    shown = client.get("/history", params={"newest": "true", "limit": 3}).json()
+    assert [(row["event_id"], row["phase"]) for row in shown["events"]] == [
+        ("veh-0009-9", "update"), ("veh-0007-7", "onset"), ("veh-0004-4", "onset")
+    ]  # fmt: skip
+    rest = client.get("/history", params={"newest": "true", "before_us": shown["before_us"]}).json()
+    assert [row["event_id"] for row in rest["events"]] == [f"veh-{n:04d}-{n}" for n in (3, 2, 1, 0)]
+    assert rest["before_us"] is None
+
+
+def test_an_event_of_one_site_is_not_that_of_another(client: PageClient) -> None:
+    assert client.get("/event/veh-0007-7", params={"site": "north"}).status_code == 200
+    assert client.get("/event/veh-0007-7", params={"site": "local"}).status_code == 404
+    assert client.get("/event/veh-0007-7", params={"site": "elsewhere"}).status_code == 404
+
+
 @pytest.mark.parametrize(
     "queries", ["kind=none", "limit=0", "limit=1001", "vehicle=a%2Fb", "colour=red", "site=elsewhere"]
 )

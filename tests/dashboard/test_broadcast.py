@@ -25,7 +25,7 @@ def test_a_frame_holds_what_came_since() -> None:
     feed.deliver(event(1), health(1.0, START_US))
     broadcaster.refresh()
     changes = read(broadcaster.frame(first))
-    assert (len(changes["pairs"]["rows"]), len(changes["updates"]), len(changes["instances"])) == (0, 1, 1)
+    assert (len(changes["pairs"]["rows"]), len(changes["events"]), len(changes["instances"])) == (0, 1, 1)
     assert len(read(broadcaster.frame(0))["pairs"]["rows"]) == 3
     assert changes["connection"] == {"connected": True, "connections": 1, "dropped": 0, "unreadable": 0}
 
@@ -65,8 +65,8 @@ class Watched(Broadcaster):
             self.reached.set()
 
     @property
-    def updates(self) -> list[Any]:
-        shown: list[Any] = read(self.frame(0))["updates"]
+    def events(self) -> list[Any]:
+        shown: list[Any] = read(self.frame(0))["events"]
         return shown
 
 
@@ -83,7 +83,7 @@ def run_until(feed: FakeFeed, done: Callable[[Watched], bool]) -> None:
 
 def test_what_happened_before_the_start_is_caught_up() -> None:
     feed = FakeFeed([event(n, t_us=START_US + n) for n in range(4)])
-    run_until(feed, lambda broadcaster: len(broadcaster.updates) == 4)
+    run_until(feed, lambda broadcaster: len(broadcaster.events) == 4)
     assert feed.started
     assert feed.closed
 
@@ -105,7 +105,7 @@ def test_a_journal_that_does_not_answer_is_asked_again() -> None:
     def found_at_last(broadcaster: Watched) -> bool:
         if feed.queries and feed.journal is None:
             feed.journal = [event(1)]
-        return len(broadcaster.updates) == 1
+        return len(broadcaster.events) == 1
 
     run_until(feed, found_at_last)
 
@@ -117,7 +117,7 @@ def test_an_event_is_looked_up_in_the_journal_once() -> None:
     feed.deliver(event(1, Phase.CLEARED, t_us=START_US + 2_000_000))
     broadcaster.refresh()
     for _ in range(2):
-        updates = asyncio.run(broadcaster.event("veh-0001-1"))
+        updates = asyncio.run(broadcaster.event("veh-0001-1", ["local"]))
         assert [s.phase for s in updates] == [Phase.ONSET, Phase.UPDATE, Phase.CLEARED]
     assert len(feed.queries) == 1
 
@@ -127,12 +127,12 @@ def test_an_event_heard_from_its_onset_needs_no_journal() -> None:
     broadcaster = Broadcaster(feed, ["local"])
     feed.deliver(event(1))
     broadcaster.refresh()
-    assert len(asyncio.run(broadcaster.event("veh-0001-1"))) == 1
+    assert len(asyncio.run(broadcaster.event("veh-0001-1", ["local"]))) == 1
     assert feed.queries == []
 
 
 def test_a_miss_has_no_evidence_and_is_shown_all_the_same() -> None:
     feed = FakeFeed([event(2, kind=Kind.MISS, sensor=Sensor.LINK)])
     broadcaster = Broadcaster(feed, ["local"])
-    (update,) = asyncio.run(broadcaster.event("veh-0002-2"))
+    (update,) = asyncio.run(broadcaster.event("veh-0002-2", ["local"]))
     assert update.evidence is None

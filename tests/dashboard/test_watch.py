@@ -26,6 +26,14 @@ def test_lines_say_what_is_new_once() -> None:
     assert list(plain_lines(watching.refresh())) == []
 
 
+def test_a_leader_is_not_behind_itself() -> None:
+    feed = FakeFeed([])
+    watching = watcher(feed)
+    feed.deliver(event(1).model_copy(update={"suspect": "veh-0002"}))
+    (line,) = plain_lines(watching.refresh())
+    assert " veh-0002 ahead of veh-0001, " in line
+
+
 def test_json_lines_say_their_type() -> None:
     feed = FakeFeed([])
     watching = watcher(feed)

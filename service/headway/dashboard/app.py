@@ -1,5 +1,6 @@
 """The web application: the page and its requests."""
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Final
@@ -16,8 +17,8 @@ from starlette.types import ASGIApp
 from headway.dashboard.access import AccessControl
 from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.sse import EventStream
-from headway.dashboard.view_state import update_row
-from headway_schemas.keys import is_id
+from headway.dashboard.view_state import Row, update_row
+from headway_schemas import Event
 from headway_schemas.query import AlertsQuery
 
 VIEWER_LIMIT: Final = 64
@@ -27,6 +28,7 @@ EVIDENCE_LAST: Final = 8
 _SHOWN_IN_FULL: Final = {"evidence": {"checkpoint", "parameters"}}
 _SHOWN_BRIEFLY: Final = {"evidence"}
 _REVISION_DIGITS: Final = 20
+_EVENT_ID: Final = re.compile(r"[A-Za-z0-9_.~-]{1,128}")
 _STATIC: Final = Path(__file__).with_name("static")
 
 
@@ -64,26 +66,41 @@ class _Page:
 
     async def history(self, request: Request) -> Response:
         parameters = dict(request.query_params)
-        site = parameters.pop("site", None)
-        if site is not None and site not in self._broadcaster.sites:
+        sites = self._sites(parameters.pop("site", None))
+        if not sites:
             return PlainTextResponse(f"site: one of {', '.join(self._broadcaster.sites)}\n", 400)
         try:
             query = AlertsQuery.from_parameters(parameters)
         except ValidationError as error:
             problem = error.errors()[0]
             return PlainTextResponse(f"{problem['loc'][0]}: {problem['msg']}\n", 400)
-        found = await self._broadcaster.history(self._broadcaster.sites if site is None else (site,), query)
+        found = await self._broadcaster.history(sites, query)
+        rows = self._events(found.events) if query.newest else list(map(update_row, found.events))
+        oldest_us = found.events[-1].detected_us if len(found.events) >= query.limit else None
         return JSONResponse(
             {
-                "updates": [update_row(event) for event in found.events],
+                "events" if query.newest else "updates": rows,
+                "before_us": oldest_us,
                 "answers": found.answers,
                 "problems": found.problems,
             }
         )
 
+    def _events(self, newest_first: list[Event]) -> list[Row]:
+        """Return one row for each event: journals of one site may each hold some of its updates."""
+        newest: dict[tuple[str, str], Event] = {}
+        for event in newest_first:
+            newest.setdefault((event.site, event.event_id), event)
+        return [self._broadcaster.summary(event).row() for event in newest.values()]
+
+    def _sites(self, site: str | None) -> tuple[str, ...]:
+        """Return the sites that are asked for; none where there is no such site."""
+        return self._broadcaster.sites if site is None else tuple({site} & set(self._broadcaster.sites))
+
     async def event(self, request: Request) -> Response:
         event_id = request.path_params["event_id"]
-        updates = await self._broadcaster.event(event_id) if is_id(event_id) else []
+        sites = self._sites(request.query_params.get("site"))
+        updates = await self._broadcaster.event(event_id, sites) if _EVENT_ID.fullmatch(event_id) else []
         if not updates:
             return PlainTextResponse("no such event\n", 404)
         return JSONResponse(

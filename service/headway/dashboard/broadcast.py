@@ -8,12 +8,13 @@ from dataclasses import asdict
 from typing import Final
 
 from headway.client import Feed, History
+from headway.dashboard.event_summary import EventSummary
 from headway.dashboard.view_state import ViewState
 from headway_schemas import Event, Phase
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
 REFRESH_S: Final = 0.2
-_CATCH_UP: Final = AlertsQuery(limit=500)
+_CATCH_UP: Final = AlertsQuery(limit=LIMIT_MAX)
 _RETRY_S: Final = (1.0, 2.0, 5.0, 10.0, 30.0)
 
 
@@ -62,11 +63,13 @@ class Broadcaster:
         if since > self.revision:
             since = 0
         if since not in self._frames:
+            state = self._view_state.delta(since)
+            del state["updates"]  # the page asks for those of one event
             changes = {
                 "now_us": self.revision,
                 "sites": self.sites,
                 "connection": asdict(self._feed.connection),
-                **self._view_state.delta(since),
+                **state,
             }
             data = json.dumps(changes, separators=(",", ":"), allow_nan=False)
             self._frames[since] = f"id: {self.revision}\ndata: {data}\n\n".encode()
@@ -86,13 +89,18 @@ class Broadcaster:
         """Query the journals without holding up a refresh."""
         return await asyncio.to_thread(self._feed.history, sites, query)
 
-    async def event(self, event_id: str) -> list[Event]:
+    def summary(self, event: Event) -> EventSummary:
+        """Return what is known of the event of an update."""
+        known = self._view_state.events.get((event.site, event.event_id))
+        return EventSummary.of(event) if known is None else known
+
+    async def event(self, event_id: str, sites: Sequence[str]) -> list[Event]:
         """Return every update of an event, oldest first; queries the journals if its onset is not here."""
-        if not any(event.phase is Phase.ONSET and event.evidence for event in self._known(event_id)):
-            stored = await self.history(self.sites, AlertsQuery(event=event_id, evidence=True, limit=LIMIT_MAX))
+        if not any(event.phase is Phase.ONSET and event.evidence for event in self._known(event_id, sites)):
+            stored = await self.history(sites, AlertsQuery(event=event_id, evidence=True, limit=LIMIT_MAX))
             for event in stored.events:
                 self._view_state.apply_event(event, self.revision + 1)
-        return sorted(self._known(event_id), key=lambda event: event.detected_us)
+        return sorted(self._known(event_id, sites), key=lambda event: event.detected_us)
 
     async def _catch_up(self) -> None:
         """Fetch the newest history after each connection and each start of an instance: events may be missing."""
@@ -121,8 +129,8 @@ class Broadcaster:
         if not history.answers:
             self._view_state.missing.append(gap)
 
-    def _known(self, event_id: str) -> list[Event]:
-        return [event for event in self._view_state.updates if event.event_id == event_id]
+    def _known(self, event_id: str, sites: Sequence[str]) -> list[Event]:
+        return [event for event in self._view_state.updates if event.event_id == event_id and event.site in sites]
 
     def _wake(self) -> None:
         self._changed.set()

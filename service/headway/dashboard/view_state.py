@@ -9,7 +9,8 @@ from collections.abc import Hashable, Iterator
 from typing import Any, Final, Generic, TypeAlias, TypeVar
 
 from headway.client import SiteMessage
-from headway_schemas import Event, Health, PairState, RejectedCopy
+from headway.dashboard.event_summary import EventSummary
+from headway_schemas import Event, Health, PairState, RejectedCopy, SensorQuality
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 from headway_schemas.sequence import SequenceGaps
 
@@ -18,6 +19,7 @@ Row: TypeAlias = dict[str, Any]
 PAIR_LIMIT: Final = 20_000
 PAIR_TTL_US: Final = 60_000_000
 UPDATE_LIMIT: Final = 2_000
+EVENT_LIMIT: Final = 2_000
 INSTANCE_LIMIT: Final = 64
 INSTANCE_TTL_US: Final = 600_000_000
 COPY_LIMIT: Final = 50
@@ -86,6 +88,10 @@ class ViewState:
         self.pairs: Table[tuple[str, str], tuple[Any, ...]] = Table(PAIR_LIMIT)
         """Values of `PAIR_COLUMNS` by site and follower."""
         self.updates: Table[tuple[str, str, str, int], Event] = Table(UPDATE_LIMIT)
+        self.events: Table[tuple[str, str], EventSummary] = Table(EVENT_LIMIT)
+        """By site and event id."""
+        self.qualities: Table[tuple[str, str], Row] = Table(PAIR_LIMIT)
+        """By site and vehicle."""
         self.instances: Table[tuple[str, str], Row] = Table(INSTANCE_LIMIT)
         self.copies: Table[int, Row] = Table(COPY_LIMIT)
         self.instance_starts = 0
@@ -108,6 +114,8 @@ class ViewState:
                 self.apply_event(event, revision)
             case Health() as health:
                 self._apply_health(health, revision)
+            case SensorQuality() as quality:
+                self.qualities.put((quality.site, quality.vehicle), quality.model_dump(mode="json"), revision)
             case RejectedCopy() as copy:
                 self._copies_received += 1
                 self.copies.put(self._copies_received, copy_row(received.site, copy), revision)
@@ -118,10 +126,13 @@ class ViewState:
         known = self.updates.get(key)
         if known is None or (known.evidence is None and event.evidence is not None):
             self.updates.put(key, event, revision)
+        if known is None:
+            self._summarise(event, revision)
 
     def evict(self, revision: int) -> None:
         """Evict pairs and instances that have been silent for their time to live."""
         self.pairs.evict(revision - PAIR_TTL_US)
+        self.qualities.evict(revision - PAIR_TTL_US)
         self.instances.evict(revision - INSTANCE_TTL_US)
 
     def delta(self, since: int) -> Row:
@@ -131,7 +142,18 @@ class ViewState:
             "updates": [update_row(event) for event in self.updates.since(since)],
             "instances": self.instances.since(since),
             "copies": self.copies.since(since),
+            "events": [event.row() for event in self.events.since(since)],
+            "qualities": self.qualities.since(since),
         }
+
+    def _summarise(self, event: Event, revision: int) -> None:
+        key = (event.site, event.event_id)
+        summary = self.events.get(key)
+        if summary is None:
+            summary = EventSummary.of(event)
+        else:
+            summary.add(event)
+        self.events.put(key, summary, revision)
 
     def _apply_health(self, health: Health, revision: int) -> None:
         key = (health.site, health.instance)
@@ -140,7 +162,9 @@ class ViewState:
         if before is None or before["uptime_s"] > row["uptime_s"]:
             self.instance_starts += 1
             before = row
-        self.instances.put(key, row | {"rates_hz": _rates(before, row)}, revision)
+        interval_us = revision - before.get("received_us", revision)
+        arrival = {"received_us": revision, "interval_us": interval_us}
+        self.instances.put(key, row | arrival | {"rates_hz": _rates(before, row)}, revision)
 
 
 def pair_row(state: PairState) -> tuple[Any, ...]:

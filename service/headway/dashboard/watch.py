@@ -19,6 +19,7 @@ from headway.dashboard.broadcast import wall_us
 from headway.dashboard.contact import ContactNotice
 from headway.dashboard.fitted_table import FittedTable
 from headway.dashboard.view_state import PAIR_COLUMNS, Row, ViewState
+from headway_schemas import Event
 from headway_schemas.query import AlertsQuery
 
 REFRESH_S: Final = 0.5
@@ -158,7 +159,7 @@ def plain_lines(changes: Row) -> Iterator[str]:
     for s in changes["updates"]:
         yield (
             f"{_clock(s['detected_us'])} {s['site']} {s['phase']} {s['kind']} {s['sensor']} {s['suspect']}"
-            f" {_behind(s['leader'])}, statistic {_number(s['statistic'])} gate {_number(s['gate'])}"
+            f" {_place(s)}, statistic {_number(s['statistic'])} gate {_number(s['gate'])}"
         )
     for h in changes["instances"]:
         yield f"{_clock(h['t_us'])} {h['site']} health {h['instance']} {_health(h)}"
@@ -210,7 +211,7 @@ def _alerts(view_state: ViewState, now_us: int) -> FittedTable:
     for event in sorted(newest.values(), key=lambda event: event.detected_us, reverse=True)[:_ALERTS_SHOWN]:
         open_now = event.phase != "cleared" and now_us - event.detected_us < _OPEN_US
         table.add_row(
-            _clock(event.detected_us), event.site, event.kind, event.sensor, event.suspect, event.leader or "-",
+            _clock(event.detected_us), event.site, event.kind, event.sensor, event.suspect, _leader(event),
             _number(event.statistic), _number(event.gate), event.phase, style=_STYLES["anomalous"] if open_now else "",
         )  # fmt: skip
     return table
@@ -248,8 +249,16 @@ def _reasons(counts: dict[str, int]) -> str:
     return " ".join(f"{reason} {n}" for reason, n in worst if n) or "none"
 
 
-def _behind(leader: str | None) -> str:
-    return f"behind {leader}" if leader else "on a free road"
+def _place(update: Row) -> str:
+    """Return where the suspect is in the pair."""
+    if update["suspect"] == update["leader"]:
+        return f"ahead of {update['follower']}"
+    return f"behind {update['leader']}" if update["leader"] else "on a free road"
+
+
+def _leader(event: Event) -> str:
+    """Return the vehicle ahead of the suspect, which may be the leader of the pair itself."""
+    return "-" if event.leader is None or event.leader == event.suspect else event.leader
 
 
 def _number(value: float | None) -> str:

@@ -50,3 +50,15 @@ export function duration(s) {
   if (s < 7200) return `${Math.floor(s / 60)} min`;
   return s < 172800 ? `${Math.floor(s / 3600)} h` : `${Math.floor(s / 86400)} d`;
 }
+
+/** The value of a `datetime-local` field as ISO 8601 in UTC; empty where it is none. */
+export function instant(local) {
+  const ms = Date.parse(local);
+  return Number.isNaN(ms) ? "" : new Date(ms).toISOString();
+}
+
+/** The other way: ISO 8601 as the value of a `datetime-local` field. */
+export function localTime(iso) {
+  const ms = Date.parse(iso);
+  return Number.isNaN(ms) ? "" : stamp(ms * 1000).replace(" ", "T");
+}

@@ -1,167 +1,106 @@
-// What the detector saw around an event, what it expected and what it believes instead.
+// The readings around one event, what was expected and what is estimated instead. It stays until another is chosen.
 
 import { $, el, number, setText, stamp } from "./dom.js";
-import { SENSORS } from "./store.js";
 import { plot } from "./plot.js";
-
-const REFRESH_MS = 1000;
+import { placeSeries, readingsOf, speedSeries, statisticSeries } from "./series.js";
+import { SENSORS, advice, likelihood, place, sentences } from "./words.js";
 
 export class EvidencePanel {
-  #store; #event = null; #askedMs = 0; #shown = "";
+  #store; #chosen = null; #drawn = null; #asked = 0;
 
   constructor(store) {
     this.#store = store;
+    $("fresh").addEventListener("click", () => void this.load());
   }
 
+  /** Key of the event. */
   get chosen() {
-    return this.#event;
+    return this.#chosen;
   }
 
-  choose(id) {
-    if (this.#event === id) return;
-    this.#event = id;
-    this.#askedMs = 0;
-    this.#shown = "";
+  choose(key) {
+    if (key === this.#chosen) return;
+    this.#chosen = key;
+    this.#drawn = null;
+    $("plots").replaceChildren();
+    $("facts").replaceChildren();
+    $("details").hidden = true;
+    this.render();
+    if (key) void this.load();
   }
 
-  /** Asks for the event again while updates come in, once a second at most. */
-  async refresh(nowMs) {
-    const event = this.#store.events.get(this.#event);
-    const newest = event && `${event.id} ${event.updates.length}`;
-    if (!event || newest === this.#shown || nowMs - this.#askedMs < REFRESH_MS) return;
-    this.#askedMs = nowMs;
-    const answer = await fetch(`/event/${encodeURIComponent(event.id)}`).catch(() => null);
-    if (!answer?.ok || event.id !== this.#event) return;
-    this.#shown = newest;
-    this.#show(await answer.json(), this.#store.pairs.get(`${event.site}/${event.last.suspect}`));
+  /** Writes what is known of the event now; the readings stay as they were drawn. */
+  render() {
+    const event = this.#store.events.get(this.#chosen);
+    $("evidence").dataset.event = event?.event_id ?? "";
+    if (!event) {
+      setText($("evidence-of"), "");
+      setText($("verdict"), "Choose a vehicle or an alert to see the readings around it.");
+      setText($("advice"), "");
+      $("fresh").hidden = true;
+      return;
+    }
+    const ended = this.#store.stateOf(event) === "cleared" ? ` Over since ${stamp(event.last_us)}.` : "";
+    setText($("evidence-of"), `${event.suspect} · ${event.kind}, ${SENSORS[event.sensor]} · ${place(event)} · ${event.site}`);
+    setText($("verdict"), sentences(event).join(" ") + ended);
+    setText($("advice"), advice(event));
+    const fresh = this.#drawn === null ? 0 : event.updates - this.#drawn;
+    $("fresh").hidden = fresh <= 0;
+    setText($("fresh"), `${fresh} new`);
   }
 
-  #show(updates, pair) {
-    const judged = updates.findLast((s) => s.phase !== "cleared") ?? updates.at(-1);
-    const zero_s = updates[0].t_us / 1e6;
-    const readings = readingsOf(updates);
-    setText($("evidence-of"), `${judged.suspect} · ${judged.site} · ${stamp(updates[0].detected_us)}`);
-    setText($("verdict"), verdict(judged, updates));
-    $("plots").replaceChildren(
-      plot({ title: "Speed", unit: "m/s", series: speedSeries(readings, updates, zero_s) }),
-      plot(placeSeries(readings, updates, zero_s)),
-      plot({ title: "Statistic", unit: "", log: true, series: statisticSeries(updates, pair, zero_s) }),
-    );
-    $("facts").replaceChildren(...Object.entries(facts(judged, updates)).map(([name, value]) =>
+  /** Fetches the updates of the event and draws their readings. */
+  async load() {
+    const event = this.#store.events.get(this.#chosen), asked = ++this.#asked;
+    if (!event) return;
+    const address = `/event/${encodeURIComponent(event.event_id)}?site=${encodeURIComponent(event.site)}`;
+    const answer = await fetch(address).catch(() => null);
+    if (asked !== this.#asked || event.key !== this.#chosen) return;
+    if (!answer?.ok) {
+      $("plots").replaceChildren(el("p", { class: "none" }, answer ? "The readings are not stored any more." : "No contact with the dashboard."));
+      return;
+    }
+    const updates = await answer.json(), known = this.#store.events.get(event.key) ?? event;
+    this.#drawn = Math.max(updates.length, known.updates);
+    this.#draw(known, updates, this.#store.pairs.get(`${event.site}/${event.follower}`));
+    this.render();
+  }
+
+  #draw(event, updates, pair) {
+    const zero_s = updates[0].t_us / 1e6, readings = readingsOf(updates);
+    if (readings.length) {
+      $("plots").replaceChildren(
+        plot({ title: "Speed", unit: "m/s", series: speedSeries(readings, updates, zero_s) }),
+        plot(placeSeries(readings, updates, zero_s)),
+        plot({ title: "Statistic", unit: "", log: true, series: statisticSeries(updates, pair, zero_s) }),
+      );
+    } else $("plots").replaceChildren(el("p", { class: "none" }, "There is no reading to show."));
+    $("details").hidden = false;
+    $("facts").replaceChildren(...Object.entries(facts(event, updates)).map(([name, value]) =>
       el("div", {}, el("dt", {}, name), el("dd", {}, value))));
   }
 }
 
-/** Readings of all updates, each once, oldest first, as objects. */
-export function readingsOf(updates) {
-  const byTime = new Map();
-  for (const { evidence } of updates) {
-    for (const row of evidence?.readings ?? []) {
-      const reading = Object.fromEntries(evidence.columns.map((column, i) => [column, row[i]]));
-      byTime.set(reading.t_s, reading);
-    }
-  }
-  return [...byTime.values()].sort((a, b) => a.t_s - b.t_s);
-}
-
-/** The reading that a update is about: the newest of its evidence. */
-function judgedReading(update) {
-  return readingsOf([update]).at(-1);
-}
-
-const known = (points) => points.filter(([x, y]) => Number.isFinite(x) && Number.isFinite(y) && x !== null && y !== null);
-
-export function speedSeries(readings, updates, zero_s) {
-  const at = (reading) => reading.t_s - zero_s;
-  const read = known(readings.map((r) => [at(r), r.v_mps]));
-  const leader = known(readings.filter((r) => r.leader_v_mps !== null).map((r) => [r.leader_t_s - zero_s, r.leader_v_mps]));
-  const predicted = updates.flatMap((s) => {
-    const reading = judgedReading(s);
-    return reading && s.innovation ? [[at(reading), reading.v_mps - s.innovation.v_mps]] : [];
-  });
-  const recovered = updates.filter((s) => s.recovered?.v_mps != null)
-    .map((s) => [s.t_us / 1e6 - zero_s, s.recovered.v_mps, s.recovered.v_std_mps ?? 0]);
-  return [
-    { name: "leader", look: "leader", draw: "lines", points: leader },
-    { name: "reading", look: "reading", draw: "dots", points: read },
-    { name: "prediction", look: "prediction", draw: "marks", points: known(predicted) },
-    { name: "recovered", look: "recovered", draw: "marks", points: known(recovered) },
-  ];
-}
-
-/** Bumper to bumper behind a leader; on a free road, how far from where steady driving would be. */
-export function placeSeries(readings, updates, zero_s) {
-  const behind = readings.some((r) => r.leader_x_m !== null);
-  const place = behind ? gapOf : steadyOf(readings[0]);
-  const point = (reading, x_m, sigma) => [reading.t_s - zero_s, place(reading, x_m), sigma];
-  const predicted = [], recovered = [];
-  for (const update of updates) {
-    const reading = judgedReading(update);
-    if (!reading) continue;
-    if (update.innovation?.x_m != null) predicted.push(point(reading, reading.x_m - update.innovation.x_m));
-    if (update.recovered?.x_m != null) {
-      recovered.push(point(reading, update.recovered.x_m, update.recovered.x_std_m ?? 0));
-    }
-  }
-  const ranges = readings.filter((r) => r.range_m !== null).map((r) => [r.t_s - zero_s, r.range_m]);
+function facts(event, updates) {
+  const newest = updates.findLast(({ statistic }) => statistic !== null) ?? updates.at(-1);
+  const sure = event.confidence === null ? "–" : `${Math.round(event.confidence * 100)} % for ${event.kind} in ${SENSORS[event.sensor]}`;
   return {
-    title: behind ? "Gap to the leader" : "Location less steady driving",
-    unit: "m",
-    series: [
-      { name: "forward sensor", look: "range", draw: "lines", points: behind ? known(ranges) : [] },
-      { name: "reading", look: "reading", draw: "dots", points: known(readings.map((r) => point(r, r.x_m))) },
-      { name: "prediction", look: "prediction", draw: "marks", points: known(predicted) },
-      { name: "recovered", look: "recovered", draw: "marks", points: known(recovered) },
-    ],
-  };
-}
-
-function gapOf(reading, x_m) {
-  if (reading.leader_x_m === null) return NaN;
-  const leader_x_m = reading.leader_x_m + (reading.leader_v_mps ?? 0) * (reading.t_s - reading.leader_t_s);
-  return leader_x_m - (reading.leader_length_m ?? 0) - x_m;
-}
-
-const steadyOf = (first) => (reading, x_m) => x_m - first.x_m - first.v_mps * (reading.t_s - first.t_s);
-
-export function statisticSeries(updates, pair, zero_s) {
-  const judged = updates.filter((s) => s.statistic !== null);
-  const end_s = (updates.at(-1).t_us / 1e6) - zero_s;
-  const around = (pair?.trace ?? []).map(([t_us, statistic]) => [t_us / 1e6 - zero_s, statistic])
-    .filter(([t]) => t > -15 && t < end_s + 15);
-  const gate = judged.findLast((s) => s.gate !== null)?.gate;
-  return [
-    { name: "gate", look: "gate", draw: "level", points: gate == null ? [] : [[0, gate]] },
-    { name: "pair state", look: "leader", draw: "lines", points: known(around) },
-    { name: "statistic", look: "statistic", draw: "marks", points: judged.map((s) => [s.t_us / 1e6 - zero_s, s.statistic]) },
-  ];
-}
-
-function verdict(judged, updates) {
-  const behind = judged.leader ? ` behind ${judged.leader}` : ", on a free road";
-  const off = judged.innovation && [
-    judged.sensor !== "speed" && judged.innovation.x_m !== null && `${number(Math.abs(judged.innovation.x_m))} m`,
-    judged.sensor !== "location" && judged.innovation.v_mps !== null && `${number(Math.abs(judged.innovation.v_mps))} m/s`,
-  ].filter(Boolean).join(" and ");
-  const from = off ? `, ${off} from what was predicted` : "";
-  const over = judged.statistic !== null && judged.gate !== null
-    ? `: statistic ${number(judged.statistic)} over a gate of ${number(judged.gate)}` : "";
-  const lasted = (updates.at(-1).detected_us - updates[0].detected_us) / 1e6;
-  const end = updates.at(-1).phase === "cleared" ? ` Cleared after ${number(lasted)} s.` : "";
-  const kind = judged.kind[0].toUpperCase() + judged.kind.slice(1);
-  return `${kind} in ${SENSORS[judged.sensor]} of ${judged.suspect}${behind}${from}${over}.${end}`;
-}
-
-function facts(judged, updates) {
-  const latency = Object.entries(judged.latency_us).map(([stage, us]) => `${stage} ${number(us / 1000)}`).join(", ");
-  return {
-    "p-value": number(judged.p_value),
-    confidence: judged.confidence === null ? "–" : `${Math.round(judged.confidence * 100)} %`,
-    nis: number(judged.nis),
-    "latency, ms": latency || "–",
-    model: judged.model,
-    configuration: judged.config_hash,
+    "highest statistic": `${number(event.statistic)}, gate ${number(event.gate)}`,
+    "something is wrong": `${likelihood(event.p_value) || "–"}, p-value ${number(event.p_value)}`,
+    "this kind and sensor": sure,
+    "nis, newest": number(newest.nis),
+    "latency": latency(newest.latency_us),
+    limits: newest.observations.join(", ") || "kept",
+    model: newest.model,
+    configuration: newest.config_hash,
     updates: String(updates.length),
-    event: judged.event_id,
+    event: event.event_id,
   };
+}
+
+/** Durations by stage; that on the wire spans two clocks, so it may be negative and is then no latency. */
+function latency(latency_us) {
+  const stages = Object.entries(latency_us).filter(([, us]) => us >= 0).map(([stage, us]) => `${stage} ${number(us / 1000)} ms`);
+  if (latency_us.wire < 0) stages.unshift(`clock of the sender ahead by ${number(-latency_us.wire / 1000)} ms`);
+  return stages.join(", ") || "–";
 }

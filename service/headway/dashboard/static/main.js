@@ -1,90 +1,113 @@
 // Puts the parts together: one stream of frames in, everything else drawn from the store.
 
-import { $, el, setText } from "./dom.js";
+import { readAddress, writeAddress } from "./address.js";
+import { AlertList } from "./alerts.js";
+import { download, toCsv } from "./csv.js";
+import { $, el, instant, localTime, setText } from "./dom.js";
 import { EvidencePanel } from "./evidence.js";
 import { History } from "./history.js";
-import { AlertList, renderService, tiles } from "./panels.js";
 import { legend, Road } from "./road.js";
-import { KINDS, Store } from "./store.js";
+import { renderService } from "./service.js";
+import { renderStatus } from "./status.js";
+import { KINDS, keyOf, matches, Store } from "./store.js";
+import { tiles } from "./tiles.js";
+import { VehicleList } from "./vehiclelist.js";
+import { vehiclesOf } from "./vehicles.js";
 
 const QUIET_MS = 4000;
 const CATCH_MS = 3000;
 const SLOW_MS = 1000;
+const EVENT_COLUMNS = ["event_id", "site", "suspect", "leader", "follower", "kind", "sensor", "phase", "first_us", "last_us", "count",
+  "deviation_m", "deviation_mps", "statistic", "gate", "p_value", "confidence"];
+const VEHICLE_COLUMNS = ["vehicle", "site", "open", "count", "first_us", "last_us", "deviation_m", "deviation_mps", "kinds"];
 
 const store = new Store();
 const filter = { site: "", kind: "", vehicle: "" };
-const evidence = new EvidencePanel(store);
-const history = new History(store, choose);
-const alerts = new AlertList($("alerts"), choose);
-const road = new Road($("road"), $("tip"), store, (pair) => {
-  $("filter").elements.vehicle.value = pair.follower;
-  refilter();
-});
-const renderTiles = tiles($("tiles"));
-const renderLegend = legend($("legend"));
-let receivedMs = 0;
-let loaded = 0;
+let suspect = ""; // the vehicle whose events are listed; empty: all
+let wanted = ""; // an event that the address names and that is not here yet
+let receivedMs = 0, loaded = 0;
+let shownEvents = [], shownVehicles = [];
 
-function choose(id) {
-  $("follow").checked = false;
-  show(id);
+const evidence = new EvidencePanel(store);
+const history = new History(store, chooseEvent);
+const alerts = new AlertList(chooseEvent, render);
+const vehicles = new VehicleList(chooseVehicle, render);
+const road = new Road($("road"), $("tip"), store, choosePair);
+const renderTiles = tiles();
+const renderLegend = legend($("legend"));
+
+function chooseEvent(key) {
+  wanted = "";
+  evidence.choose(key);
+  render();
 }
 
-function show(id) {
-  evidence.choose(id);
-  void evidence.refresh(performance.now());
-  alerts.render(store, filter, evidence.chosen);
+/** Lists the events of a vehicle and shows its worst one; the same vehicle again lists all. */
+function chooseVehicle(key) {
+  suspect = suspect === key ? "" : key;
+  const vehicle = suspect && vehiclesOf(store, filter).find((known) => known.key === key);
+  chooseEvent(vehicle ? vehicle.worst.key : null);
+}
+
+function choosePair({ key, follower }) {
+  if (vehiclesOf(store, filter).some((vehicle) => vehicle.key === key)) {
+    if (suspect !== key) chooseVehicle(key);
+    return;
+  }
+  $("filter").elements.vehicle.value = follower;
+  settled();
 }
 
 function take(frame) {
   receivedMs = performance.now();
   const changed = store.take(frame);
+  store.markShown(filter);
   road.received(receivedMs);
   sites();
   announce(changed);
+  if (wanted && store.events.has(wanted)) chooseEvent(wanted);
+  if (changed.length) history.take(changed);
   render();
   if ($("line").dataset.state !== "up") slow();
   if (frame.connection.connections !== loaded && frame.connection.connected) {
     loaded = frame.connection.connections;
-    void history.load({ ...filter });
+    void loadHistory();
   }
 }
 
 function render() {
-  const shown = alerts.render(store, filter, evidence.chosen);
-  $("alerts-empty").hidden = shown.length > 0;
-  if ($("follow").checked && shown.length && shown[0].id !== evidence.chosen) evidence.choose(shown[0].id);
-  void evidence.refresh(performance.now());
-  renderTiles(store, filter);
-  const tally = {};
-  for (const { site, standing } of store.pairs.values()) {
-    if (!filter.site || filter.site === site) tally[standing] = (tally[standing] ?? 0) + 1;
-  }
+  const events = store.eventsNewestFirst({ ...filter, suspect });
+  const chosen = store.events.get(evidence.chosen);
+  shownVehicles = vehicles.render(store, vehiclesOf(store, filter), chosen ? keyOf(chosen.site, chosen.suspect) : suspect);
+  shownEvents = alerts.render(store, events, chosen);
+  evidence.render();
+  setText($("alerts-of"), suspect ? `of ${suspect.slice(suspect.indexOf("/") + 1)}` : "of all vehicles");
+  $("all").hidden = !suspect;
+  renderTiles(store, filter, store.eventsNewestFirst(filter));
+  const tally = {}, pairs = store.shownPairs();
+  for (const { standing } of pairs) tally[standing] = (tally[standing] ?? 0) + 1;
   renderLegend(tally);
-  $("road-empty").hidden = store.pairs.size > 0;
-  $("road").setAttribute("aria-label", `${store.pairs.size} vehicles, ${tally.anomalous ?? 0} anomalous, ${tally.silent ?? 0} silent`);
+  $("road-empty").hidden = pairs.length > 0;
+  $("road").setAttribute("aria-label", `${pairs.length} vehicles, ${tally.anomalous ?? 0} anomalous, ${tally.silent ?? 0} silent`);
+  renderStatus(store, quietMs());
+  if (!wanted) writeAddress({ ...filter, car: suspect, event: evidence.chosen, from: isoOf("from"), to: isoOf("to") });
 }
 
 function slow() {
-  line();
+  store.markShown(filter);
+  renderStatus(store, quietMs());
   renderService(store, filter);
 }
 
-function line() {
-  const quiet = performance.now() - receivedMs > QUIET_MS;
-  const { connection } = store;
-  const [state, text] = quiet || !connection ? ["down", "no contact with the dashboard"]
-    : !connection.connected ? ["down", "dashboard up, no contact with the bus"]
-    : store.instances.size === 0 ? ["waiting", "connected, no instance yet"]
-    : ["up", `live, ${[...new Set([...store.instances.values()].map(({ site }) => site))].join(", ")}`];
-  const troubles = connection ? [connection.dropped && `${connection.dropped} not shown`, connection.unreadable && `${connection.unreadable} unreadable`].filter(Boolean) : [];
-  $("line").dataset.state = state;
-  setText($("line"), [text, ...troubles].join(", "));
+/** How long the dashboard has sent nothing; 0 where that is usual. */
+function quietMs() {
+  const quiet = performance.now() - receivedMs;
+  return quiet > QUIET_MS ? quiet : 0;
 }
 
 function announce(changed) {
-  const fresh = [...changed].filter((event) => event.last.phase === "onset" && store.nowUs - event.last.detected_us < 5e6);
-  if (fresh.length === 1) setText($("announce"), `Alert: ${fresh[0].last.kind}, ${fresh[0].last.suspect}`);
+  const fresh = changed.filter((event) => event.phase === "onset" && store.nowUs - event.last_us < 5e6);
+  if (fresh.length === 1) setText($("announce"), `Alert: ${fresh[0].kind}, ${fresh[0].suspect}`);
   else if (fresh.length) setText($("announce"), `${fresh.length} new alerts`);
 }
 
@@ -92,11 +115,17 @@ function sites() {
   const select = $("filter").elements.site;
   if (select.options.length - 1 === store.sites.length) return;
   select.replaceChildren(el("option", { value: "" }, "all"), ...store.sites.map((site) => el("option", { value: site }, site)));
+  select.value = filter.site;
 }
 
+/** Shows what the filter lets through; the evidence of an event that it does not is closed. */
 function refilter() {
   const fields = new FormData($("filter"));
   Object.assign(filter, { site: fields.get("site"), kind: fields.get("kind"), vehicle: fields.get("vehicle").trim() });
+  if (suspect && !vehiclesOf(store, filter).some(({ key }) => key === suspect)) suspect = "";
+  const chosen = store.events.get(evidence.chosen);
+  if (chosen && !matches(chosen, { ...filter, suspect })) evidence.choose(null);
+  store.markShown(filter);
   road.filter({ ...filter });
   render();
   slow();
@@ -104,7 +133,41 @@ function refilter() {
 
 function settled() {
   refilter();
-  void history.load({ ...filter });
+  void loadHistory();
+}
+
+function loadHistory() {
+  const us = (name) => Date.parse(isoOf(name)) * 1000 || 0;
+  return history.load({ ...filter, from_us: us("from"), to_us: us("to") });
+}
+
+function isoOf(name) {
+  return instant($("range").elements[name].value);
+}
+
+/** Takes over what the address says, and asks for the event that it names. */
+function openAddress() {
+  const state = readAddress(), fields = $("filter").elements;
+  Object.assign(filter, { site: state.site, kind: state.kind, vehicle: state.vehicle });
+  [fields.kind.value, fields.vehicle.value] = [state.kind, state.vehicle];
+  for (const name of ["from", "to"]) $("range").elements[name].value = localTime(state[name]);
+  suspect = state.car;
+  wanted = state.event;
+  if (wanted) void fetchWanted();
+}
+
+async function fetchWanted() {
+  const [site, id] = wanted.split("/");
+  const answer = await fetch(`/history?${new URLSearchParams({ newest: true, site, event: id })}`).catch(() => null);
+  if (answer?.ok) for (const event of (await answer.json()).events) store.put(event);
+  if (wanted && store.events.has(wanted)) chooseEvent(wanted);
+}
+
+async function copyLink() {
+  writeAddress({ ...filter, car: suspect, event: evidence.chosen, from: isoOf("from"), to: isoOf("to") });
+  const done = await navigator.clipboard.writeText(location.href).then(() => "Link copied", () => location.href);
+  setText($("copied"), done);
+  setTimeout(() => setText($("copied"), ""), 5000);
 }
 
 function listen() {
@@ -121,14 +184,23 @@ function theme(choice) {
   road.recolour();
 }
 
+const vehicleRow = (vehicle) => ({ ...vehicle, vehicle: vehicle.id, kinds: [...vehicle.kinds].join(" ") });
+
 for (const kind of KINDS) $("filter").elements.kind.append(el("option", { value: kind }, kind));
 $("filter").addEventListener("input", refilter);
 $("filter").addEventListener("change", settled);
 $("filter").addEventListener("reset", () => setTimeout(settled));
 $("filter").addEventListener("submit", (event) => { event.preventDefault(); settled(); });
+$("range").addEventListener("submit", (event) => { event.preventDefault(); settled(); });
+$("all").addEventListener("click", () => { suspect = ""; render(); });
 $("fit").addEventListener("click", () => road.fit());
-$("follow").addEventListener("change", render);
+$("link").addEventListener("click", () => void copyLink());
+$("vehicles-csv").addEventListener("click", () => download("vehicles.csv", toCsv(VEHICLE_COLUMNS, shownVehicles.map(vehicleRow))));
+$("alerts-csv").addEventListener("click", () => download("alerts.csv", toCsv(EVENT_COLUMNS, shownEvents)));
+$("history-csv").addEventListener("click", () => download("history.csv", toCsv(EVENT_COLUMNS, history.shown)));
 $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "light" ? "dark" : "light"));
 theme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
+setText($("zone"), `Times are of ${Intl.DateTimeFormat().resolvedOptions().timeZone}.`);
+openAddress();
 setInterval(slow, SLOW_MS);
 listen();

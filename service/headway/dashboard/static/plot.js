@@ -2,11 +2,12 @@
 
 import { el, number, svg } from "./dom.js";
 
+const LOG_FROM = 50;
 const WIDTH = 300, HEIGHT = 175, LEFT = 44, RIGHT = 8, TOP = 8, BOTTOM = 26;
 
 /**
  * `series`: [{name, look, draw: "lines" | "dots" | "marks" | "level", points: [[x, y, sigma?]]}]; `look` is a class.
- * A `level` is one y over the whole width. With `log` the y axis is logarithmic.
+ * A `level` is one y over the whole width. With `log` the y axis is logarithmic where the values are positive and span much.
  */
 export function plot({ title, unit, series, log = false }) {
   const drawn = series.filter(({ points }) => points.length);
@@ -23,7 +24,8 @@ function caption(title, unit, series) {
 function chart(title, series, log) {
   const xs = series.filter(({ draw }) => draw !== "level").flatMap(({ points }) => points.map(([x]) => x));
   const ys = series.flatMap(({ points }) => points.flatMap(([, y, sigma = 0]) => [y - sigma, y + sigma]));
-  const across = axis(xs, LEFT, WIDTH - RIGHT), up = axis(ys, HEIGHT - BOTTOM, TOP, log);
+  const wide = Math.min(...ys) > 0 && Math.max(...ys) > LOG_FROM * Math.min(...ys);
+  const across = axis(xs, LEFT, WIDTH - RIGHT), up = axis(ys, HEIGHT - BOTTOM, TOP, log && wide);
   const picture = svg("svg", { viewBox: `0 0 ${WIDTH} ${HEIGHT}`, class: "plot", role: "img", "aria-label": title });
   for (const tick of across.ticks) {
     picture.append(line(across.at(tick), TOP, across.at(tick), HEIGHT - BOTTOM, "axis"),
@@ -57,7 +59,7 @@ function line(x1, y1, x2, y2, look) {
 }
 
 function axis(values, from, to, log = false) {
-  const scale = log ? (v) => Math.log10(Math.max(v, 1e-3)) : (v) => v;
+  const scale = log ? Math.log10 : (v) => v;
   let low = Math.min(...values.map(scale)), high = Math.max(...values.map(scale));
   const room = Math.max((high - low) * 0.06, log ? 0.1 : 0.05);
   low -= room;

@@ -63,8 +63,7 @@ export class Road {
   }
 
   #shown() {
-    const { site } = this.#filter;
-    return [...this.#store.pairs.values()].filter((pair) => pair.shown_e !== undefined && (!site || pair.site === site));
+    return [...this.#store.pairs.values()].filter((pair) => pair.shown && pair.shown_e !== undefined);
   }
 
   #frame(ms) {

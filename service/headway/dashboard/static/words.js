@@ -1,0 +1,93 @@
+// Events in sentences: what is wrong, how certain it is, what to do. Pure: no document.
+
+import { clock, number } from "./dom.js";
+
+export const SENSORS = { location: "position", speed: "speed", both: "position and speed", heading: "heading", link: "link" };
+
+const SHAPES = {
+  short: "Single wrong readings", noise: "Scatter", bias: "Constant offset", drift: "Growing offset",
+  unknown: "An offset of a form that is not clear yet",
+};
+
+const ADVICE = {
+  short: "Leave out the readings that are marked. If it comes back, have the receiver checked.",
+  noise: "Do not use single readings of it. Have the antenna and its cable checked.",
+  bias: "Do not use its readings. Have the calibration checked, and ask where it was changed.",
+  drift: "Do not use its readings: the error grows. Have the receiver checked before the next drive.",
+  miss: "See whether others go silent at the same place: that is coverage. If it is alone, check its radio.",
+  response: "Do not use warnings about this pair. First see whether something is in the way on the road there.",
+  range: "Do not use the gap between the two. Check the forward sensor of the one and the position of the other.",
+  unknown: "Wait some seconds: the kind follows. Until then do not use its readings.",
+};
+
+/** What is wrong, since when, and how certain that is: three sentences; `subject` begins the first. */
+export function sentences(event, subject = `${event.suspect} `) {
+  const claimed = claim(event);
+  return [`${subject || claimed[0].toUpperCase()}${subject ? claimed : claimed.slice(1)}.`, `${form(event)} since ${clock(event.first_us)}.`, certainty(event)].filter(Boolean);
+}
+
+export const advice = (event) => ADVICE[event.kind];
+
+/** What the vehicle sends, beside what is possible. */
+export function claim(event) {
+  const { suspect, leader, follower, kind, sensor } = event;
+  if (kind === "miss") return "sends nothing";
+  if (kind === "range") {
+    return suspect === leader ? `is not where the forward sensor of ${follower} measures it`
+      : `is not as far behind ${leader ?? "its leader"} as its forward sensor measures`;
+  }
+  if (kind === "response") {
+    return suspect === leader ? `moves otherwise than ${follower} behind it responds` : `does not respond to ${leader ?? "its leader"} as a driver does`;
+  }
+  if (sensor === "heading") return "reports a heading in which it does not drive";
+  const metres = sensor !== "speed" && event.deviation_m !== null && position(event);
+  const speed = sensor !== "location" && event.deviation_mps !== null && velocity(event);
+  return [metres, speed].filter(Boolean).join(" and ") || `reports a ${SENSORS[sensor]} that cannot be right`;
+}
+
+function position({ kind, deviation_m, ahead }) {
+  const off = `${distance(deviation_m)} m`;
+  if (kind === "noise" || ahead === null) return `reports positions up to ${off} off`;
+  return `says it is ${off} further ${ahead ? "ahead" : "back"} than it can be`;
+}
+
+function velocity({ kind, deviation_mps, fast }) {
+  const off = `${distance(deviation_mps)} m/s`;
+  if (kind === "noise" || fast === null) return `reports speeds up to ${off} off`;
+  return `says it is ${off} ${fast ? "faster" : "slower"} than it can be`;
+}
+
+const distance = (value) => (value >= 100 ? number(value) : value.toFixed(value < 10 ? 2 : 1));
+
+function form({ kind, sensor }) {
+  if (kind === "miss") return "Silent";
+  if (kind === "range") return "Positions and forward sensor contradict each other";
+  if (kind === "response") return "Unexplained motion";
+  return kind === "unknown" ? SHAPES.unknown : `${SHAPES[kind]} in ${SENSORS[sensor]}`;
+}
+
+/** How certain it is that something is wrong; what exactly is wrong is another question. */
+export function certainty({ p_value, confidence, kind }) {
+  const wrong = likelihood(p_value);
+  if (kind === "miss" || kind === "unknown" || confidence === null || confidence >= 0.6) return wrong && `${wrong}.`;
+  return `${wrong || "Likely"} that something is wrong; the kind is not certain yet.`;
+}
+
+export function likelihood(p_value) {
+  if (p_value === null || p_value === undefined) return "";
+  return p_value < 1e-6 ? "Nearly certain" : p_value < 1e-3 ? "Very likely" : "Likely";
+}
+
+/** Where the suspect is in the pair, never behind itself. */
+export function place({ suspect, leader, follower }) {
+  if (suspect === leader) return `ahead of ${follower}`;
+  return leader ? `behind ${leader}` : "free road";
+}
+
+/** The largest deviation of an event or vehicle, in the units that it has. */
+export function deviation({ deviation_m, deviation_mps, sensor }) {
+  const parts = [];
+  if (deviation_m !== null && sensor !== "speed") parts.push(`${distance(deviation_m)} m`);
+  if (deviation_mps !== null && sensor !== "location") parts.push(`${distance(deviation_mps)} m/s`);
+  return parts.join(", ");
+}
