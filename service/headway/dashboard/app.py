@@ -25,7 +25,7 @@ VIEWER_LIMIT: Final = 64
 EVIDENCE_FIRST: Final = 2
 EVIDENCE_LAST: Final = 8
 """A long event is shown with the evidence of its first and its last updates."""
-_SHOWN_IN_FULL: Final = {"evidence": {"checkpoint", "parameters"}}
+_SHOWN_IN_FULL: Final = {"evidence": {"checkpoint", "parameters", "messages"}}
 _SHOWN_BRIEFLY: Final = {"evidence"}
 _REVISION_DIGITS: Final = 20
 _EVENT_ID: Final = re.compile(r"[A-Za-z0-9_.~-]{1,128}")
