@@ -163,8 +163,8 @@ class ViewState:
             self.instance_starts += 1
             before = row
         interval_us = revision - before.get("received_us", revision)
-        arrival = {"received_us": revision, "interval_us": interval_us}
-        self.instances.put(key, row | arrival | {"rates_hz": _rates(before, row)}, revision)
+        timing = {"received_us": revision, "interval_us": interval_us}
+        self.instances.put(key, row | timing | {"rates_hz": _rates(before, row)}, revision)
 
 
 def pair_row(state: PairState) -> tuple[Any, ...]:
