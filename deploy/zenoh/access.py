@@ -29,8 +29,8 @@ ROLES = {
         ("egress", ["declare_subscriber"], ["{site}/bsm/**"]),
     ],
     "services": [
-        ("ingress", ["declare_subscriber"], ["{site}/bsm/**"]),
-        ("egress", ["put"], ["{site}/bsm/*"]),
+        ("ingress", ["declare_subscriber"], ["{site}/bsm/**", "{site}/health/*"]),
+        ("egress", ["put"], ["{site}/bsm/*", "{site}/health/*"]),
         ("ingress", ["put"], [*PUBLISHED[:-1], "{site}/health/{name}"]),
         ("egress", ["declare_subscriber"], PUBLISHED),
         ("ingress", ["declare_queryable", "reply"], ASKED),

@@ -22,7 +22,8 @@ from headway.edge.clock import SystemClock
 from headway.edge.storage.journal import Reason
 from headway.edge.telemetry.metrics import TABLE
 from headway.edge.transport.receive_queue import ReceiveQueue
-from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
+from headway.edge.transport.zenoh_bus import ZenohBus
+from headway.edge.transport.zenoh_config import BusConfig
 from headway.settings import Settings, allowed
 from headway_schemas import Event, Kind, Phase, Sensor, encodings
 from headway_schemas.keys import Keys

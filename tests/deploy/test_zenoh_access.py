@@ -19,7 +19,8 @@ from headway.client import BusFeed
 from headway.edge.clock import SystemClock
 from headway.edge.transport.ports import Channel
 from headway.edge.transport.receive_queue import ReceiveQueue
-from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
+from headway.edge.transport.zenoh_bus import ZenohBus
+from headway.edge.transport.zenoh_config import BusConfig
 from headway.settings import Settings
 from headway_schemas import RejectedCopy
 from headway_schemas.keys import Keys

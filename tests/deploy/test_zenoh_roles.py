@@ -22,12 +22,12 @@ PUT = {
 """Who may put to each key."""
 
 SUBSCRIBE = {
-    KEYS.every_bsm: (KEYS.bsm(SENDER), SERVICE),
-    KEYS.every_alert: (KEYS.alert("bias", "a"), DASHBOARD),
-    KEYS.every_pair_state: (KEYS.pair_state("a"), DASHBOARD),
-    KEYS.every_quality: (KEYS.quality("a"), DASHBOARD),
-    KEYS.every_rejected: (KEYS.rejected("malformed"), DASHBOARD),
-    KEYS.every_health: (KEYS.health(SERVICE), DASHBOARD),
+    KEYS.every_bsm: (KEYS.bsm(SENDER), {SERVICE}),
+    KEYS.every_alert: (KEYS.alert("bias", "a"), {DASHBOARD}),
+    KEYS.every_pair_state: (KEYS.pair_state("a"), {DASHBOARD}),
+    KEYS.every_quality: (KEYS.quality("a"), {DASHBOARD}),
+    KEYS.every_rejected: (KEYS.rejected("malformed"), {DASHBOARD}),
+    KEYS.every_health: (KEYS.health(SERVICE), {DASHBOARD, SERVICE}),
 }
 """A key that matches each expression, and who may subscribe to it."""
 
@@ -80,7 +80,7 @@ def test_who_may_subscribe(bus: Members, received: list) -> None:  # noqa: F811
     settled(bus, received)
     for key, _ in SUBSCRIBE.values():
         bus.session(SENDER if key == KEYS.bsm(SENDER) else SERVICE).put(key, b"real", congestion_control=BLOCK)
-    wanted = {(role, key) for key, role in SUBSCRIBE.values()}
+    wanted = {(role, key) for key, roles in SUBSCRIBE.values() for role in roles}
     until(lambda: wanted <= {(role, key) for role, key, payload in received if payload == b"real"})
     settled(bus, received)
     assert {(role, key) for role, key, _ in received} == wanted

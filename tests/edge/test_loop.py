@@ -188,6 +188,14 @@ def test_health_is_told_every_second_from_the_same_books() -> None:
     assert [set(report.latency_ms) for report in reports] == [set(), {"p50", "p99", "p999", "max"}, set()]
 
 
+def test_health_names_another_service_of_the_site() -> None:
+    rig = Rig(StubEngine())
+    rig.bus.other_services = ("rsu-2",)
+    rig.iterate(seconds=0.1)
+    [(_, payload)] = rig.bus.on(Channel.HEALTH)
+    assert Health.model_validate_json(payload).troubles == ("site: rsu-2 judges it too",)
+
+
 def test_what_was_shed_is_in_the_books() -> None:
     rig = Rig(StubEngine(), queue_limit=2)
     rig.bus.deliver(received([record("b"), record("c")], "gw-1"))

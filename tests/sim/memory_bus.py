@@ -33,6 +33,7 @@ class MemoryBus:
         self.queries: deque[MemoryQuery] = deque()
         self.dropped: dict[str, int] = {}
         self.disconnected_subscribers = 0
+        self.other_services: tuple[str, ...] = ()
         self.peers = 1
         self.connected = True
         self.subscribed = True

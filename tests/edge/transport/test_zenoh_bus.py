@@ -15,7 +15,8 @@ from headway.edge.clock import SystemClock
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
 from headway.edge.transport.receive_queue import ReceiveQueue
-from headway.edge.transport.zenoh_bus import BusConfig, BusError, ZenohBus
+from headway.edge.transport.zenoh_bus import ZenohBus
+from headway.edge.transport.zenoh_config import BusConfig, BusError
 from headway_schemas.encodings import BSM_MSGPACK, EVENT_JSON, PAIR_STATE_JSON
 
 BLOCK = zenoh.CongestionControl.BLOCK
@@ -136,6 +137,20 @@ def test_a_router_need_not_wait_for_a_subscriber_of_alerts_that_takes_none() -> 
     bus.close()
     other.close()
     router.close()
+
+
+def test_another_service_of_the_site_is_known_by_its_health(bus: ZenohBus, settings: BusConfig) -> None:
+    second = bus_of(config(mode="client", connect=settings.listen, listen=()))
+    assert second.open(go_on)
+
+    def known() -> bool:
+        bus.publish(Channel.HEALTH, KEYS.health("i"), b"{}")
+        second.publish(Channel.HEALTH, KEYS.health("second"), b"{}")
+        return bool(bus.other_services and second.other_services)
+
+    until(known)
+    assert (bus.other_services, second.other_services) == (("second",), ("i",))
+    second.close()
 
 
 def test_a_channel_is_wanted_while_somebody_listens(bus: ZenohBus, other: zenoh.Session) -> None:

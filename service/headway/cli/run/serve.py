@@ -28,7 +28,8 @@ from headway.edge.telemetry.metrics import CONTENT_TYPE, Metrics
 from headway.edge.telemetry.reporter import ReportConfig, Reporter
 from headway.edge.transport.ports import Channel
 from headway.edge.transport.receive_queue import ReceiveQueue
-from headway.edge.transport.zenoh_bus import BusConfig, ZenohBus
+from headway.edge.transport.zenoh_bus import ZenohBus
+from headway.edge.transport.zenoh_config import BusConfig
 from headway.errors import UserError
 from headway.kernel_cache import core_digest
 from headway.settings import Loaded, Origin, Settings

@@ -100,6 +100,8 @@ TABLE: Final = (
     Metric("headway_ready", _G, "1 when the service receives and scores messages.", (), _one(lambda s: s.health.ready)),
     Metric("headway_connected", _G, "1 when senders can reach the service.", (), _one(lambda s: s.bus.connected)),
     Metric("headway_peers", _G, "zenoh peers, routers and clients connected.", (), _one(lambda s: s.bus.peers)),
+    Metric("headway_other_services", _G, "Other services that report health for this site.", (),
+           _one(lambda s: len(s.bus.other_services))),
     Metric("headway_messages_total", _C, "Payloads received; a bundle counts as one.", (),
            _one(lambda s: s.bus.received)),
     Metric("headway_records_total", _C, "Records by outcome; each is counted once.", ("outcome",),

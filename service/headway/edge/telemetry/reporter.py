@@ -126,5 +126,9 @@ class Reporter:
             histograms_us=context.latencies.cumulative_us(),
             cpu_s=time.process_time(),
             rss_mb=rss_mb(),
-            troubles=self._persistence.troubles if self._persistence is not None else (),
+            troubles=self._troubles(),
         )
+
+    def _troubles(self) -> tuple[str, ...]:
+        stored = self._persistence.troubles if self._persistence is not None else ()
+        return (*stored, *(f"site: {other} judges it too" for other in self._bus.other_services))

@@ -81,6 +81,11 @@ class Bus(Protocol):
         ...
 
     @property
+    def other_services(self) -> tuple[str, ...]:
+        """Instances that judge the same site now."""
+        ...
+
+    @property
     def connected(self) -> bool:
         """Whether senders can reach this service."""
         ...

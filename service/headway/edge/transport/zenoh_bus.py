@@ -17,7 +17,6 @@ import json
 import os
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Final
 
 import structlog
@@ -26,11 +25,13 @@ import zenoh
 from headway.core.types.outcome import Outcome
 from headway.edge.clock import Clock
 from headway.edge.transport.message import ReceivedMessage
+from headway.edge.transport.other_services import OtherServices
 from headway.edge.transport.ports import Channel, Query
 from headway.edge.transport.receive_queue import ReceiveQueue
+from headway.edge.transport.zenoh_config import BusConfig, BusError, is_client
 from headway.edge.transport.zenoh_query import ZenohQuery
 from headway.edge.worker import Worker
-from headway.errors import UserError, zenoh_reason
+from headway.errors import zenoh_reason
 from headway_schemas.keys import Keys
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
@@ -50,10 +51,6 @@ _RECEIVE_BYTES: Final = 64 << 20
 """Most bytes received at once, before the loop goes on."""
 _CLOSED_AFTER_NS: Final = 5_000_000_000
 """zenoh reports the end of a connection within this time after the put that waited for it."""
-_MESSAGE_BYTES_MAX: Final = 1 << 24
-"""zenoh drops larger messages, which bounds the memory that a sender can claim."""
-
-_CONGESTION: Final = "transport/link/tx/queue/congestion_control"
 
 _PRIORITY: Final = {
     Channel.ALERT: zenoh.Priority.INTERACTIVE_HIGH,
@@ -64,67 +61,6 @@ _PRIORITY: Final = {
 }
 
 _log: Final = structlog.get_logger(__name__)
-
-
-class BusError(UserError):
-    """zenoh refuses its configuration."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BusConfig:
-    """How to join the bus.
-
-    `options` is zenoh's own configuration (JSON5); it applies where `mode`, `connect` or `listen` is None.
-    """
-
-    instance: str
-    mode: str | None
-    connect: tuple[str, ...] | None
-    listen: tuple[str, ...] | None
-    options: str | None
-    connect_timeout_s: float
-    block_timeout_s: float
-    alert_limit: int
-    payload_max_bytes: int
-    """Of a larger payload only the beginning is kept."""
-    history: bool = False
-    """Whether the service answers queries for the history of events."""
-
-    def zenoh_config(self) -> zenoh.Config:
-        """Return the configuration for zenoh. Raises `BusError`."""
-        try:
-            config = zenoh.Config.from_json5(self.options) if self.options else zenoh.Config()
-            for key, value in self._inserted():
-                config.insert_json5(key, json.dumps(value))
-            if _is_client(config):
-                for wait in ("wait_before_drop", "max_wait_before_drop_fragments"):
-                    config.insert_json5(f"{_CONGESTION}/drop/{wait}", json.dumps(self._block_us))
-        except zenoh.ZError as error:
-            raise BusError(f"zenoh options: {zenoh_reason(error)}") from None
-        return config
-
-    @property
-    def _block_us(self) -> int:
-        return int(self.block_timeout_s * 1e6)
-
-    def _inserted(self) -> list[tuple[str, Any]]:
-        inserted: list[tuple[str, Any]] = [
-            ("transport/shared_memory/enabled", False),
-            ("transport/link/rx/max_message_size", _MESSAGE_BYTES_MAX),
-            (f"{_CONGESTION}/block/wait_before_close", self._block_us),
-            ("connect/retry", {"period_init_ms": 200, "period_max_ms": 2_000, "period_increase_factor": 2}),
-        ]
-        if self.options is None:
-            inserted += [("scouting/multicast/enabled", False), ("scouting/gossip/enabled", False)]
-        if self.mode is not None:
-            inserted.append(("mode", self.mode))
-        if self.mode == "client":
-            inserted.append(("connect/timeout_ms", int(self.connect_timeout_s * 1e3)))
-        if self.connect is not None:
-            inserted.append(("connect/endpoints", list(self.connect)))
-        if self.listen is not None:
-            inserted.append(("listen/endpoints", [] if self.mode == "client" else list(self.listen)))
-        return inserted
 
 
 class ZenohBus:
@@ -143,7 +79,7 @@ class ZenohBus:
         self._receive_queue = receive_queue
         self._queryables = (keys.pairs, keys.alerts) if config.history else (keys.pairs,)
         self._options = config.zenoh_config()
-        self._is_client = _is_client(self._options)
+        self._is_client = is_client(self._options)
         self._listens = not self._is_client and bool(json.loads(self._options.get_json("listen/endpoints")))
         self._alerts = Worker("headway-alerts", config.alert_limit, zenoh.ZError)
         self._telemetry = Worker("headway-telemetry", _TELEMETRY_LIMIT, zenoh.ZError)
@@ -153,6 +89,7 @@ class ZenohBus:
         self._queries_dropped = 0
         self._peers: set[str] = set()
         self._addresses: dict[str, str] = {}
+        self._other_services = OtherServices(keys, clock)
         self._wanted = dict.fromkeys(Channel, True)
         self._incoming: zenoh.handlers.Handler[zenoh.Sample] | None = None
         self._polled_us = self._polled_ns = 0
@@ -203,6 +140,11 @@ class ZenohBus:
             self._watch_subscribers(session, Channel.QUALITY, keys.every_quality),
             self._watch_subscribers(session, Channel.REJECTED, keys.every_rejected),
             *(session.declare_queryable(key, self._query_handler(key)) for key in self._queryables),
+            session.declare_subscriber(
+                keys.every_health,
+                lambda sample: self._other_services.report(str(sample.key_expr)),
+                allowed_origin=zenoh.Locality.REMOTE,
+            ),
             session.liveliness().declare_token(keys.liveliness(self._config.instance)),
         ]
         self._subscriber = session.declare_subscriber(keys.every_bsm, zenoh.handlers.FifoChannel(_INCOMING_LIMIT))
@@ -244,6 +186,11 @@ class ZenohBus:
     def peers(self) -> int:
         """Peers, routers and clients connected."""
         return len(self._peers)
+
+    @property
+    def other_services(self) -> tuple[str, ...]:
+        """Instances that judge the same site now."""
+        return self._other_services.instances
 
     @property
     def connected(self) -> bool:
@@ -389,7 +336,3 @@ class ZenohBus:
             "subscriber disconnected: it took no alert for block_timeout_s",
             zenoh_id=peer, address=self._addresses.pop(peer, None), block_timeout_s=self._config.block_timeout_s,
         )  # fmt: skip
-
-
-def _is_client(config: zenoh.Config) -> bool:
-    return bool(json.loads(config.get_json("mode")) == "client")
