@@ -8,6 +8,7 @@ from zoneinfo import ZoneInfo
 
 from headway.feeds.refusal import MALFORMED, OUT_OF_RANGE, UNAVAILABLE, UNREADABLE_TIME, Refusal
 
+_EPOCH: Final = datetime(1970, 1, 1, tzinfo=UTC)
 _MINUTE_US: Final = 60_000_000
 _SEC_MARK_UNAVAILABLE: Final = 65535
 _SEC_MARK_MAX: Final = 60999
@@ -41,7 +42,7 @@ def instant_us(text: str) -> int | None:
             if zone is None:
                 return None
             instant = instant.replace(tzinfo=ZoneInfo(_ABBREVIATIONS.get(zone, zone)))
-        since = instant.astimezone(UTC) - datetime(1970, 1, 1, tzinfo=UTC)
+        since = instant - _EPOCH
     except (ValueError, OverflowError, OSError, LookupError):
         return None
     return (since.days * 86_400 + since.seconds) * 1_000_000 + since.microseconds

@@ -6,6 +6,7 @@ from typing import Any
 import msgpack
 
 from headway.feeds.j2735_json import messages_in
+from headway.feeds.json_text import parsed
 from headway_schemas.encodings import BSM_JSON, BSM_MSGPACK, CAM_UPER, J2735_UPER
 from headway_schemas.event import OriginalMessage
 from headway_schemas.frames import Frame, is_bundle
@@ -26,7 +27,7 @@ def original_of(payload: bytes, encoding: str, index: int, received_us: int) -> 
         frame = Frame(*_frame_of(msgpack.unpackb(payload), encoding, index))
         payload, received_us = frame.payload, frame.received_us
     elif payload.lstrip()[:1] == b"[":
-        payload = json.dumps(messages_in(json.loads(payload))[index]).encode()
+        payload = json.dumps(messages_in(parsed(payload))[index]).encode()
     return OriginalMessage(received_us=received_us, encoding=encoding, payload=payload)
 
 
@@ -47,6 +48,6 @@ def _frame_of(frames: list[Any], encoding: str, index: int) -> Any:
 
 def _messages_of(payload: bytes) -> int:
     try:
-        return len(messages_in(json.loads(payload))) or 1
+        return len(messages_in(parsed(payload))) or 1
     except (ValueError, RecursionError):
         return 1

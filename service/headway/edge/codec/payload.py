@@ -14,6 +14,7 @@ from headway.core.types.outcome import Outcome
 from headway.edge.transport.message import RejectReason
 from headway.feeds.cam_json import from_cam
 from headway.feeds.j2735_json import from_ode, from_raw, messages_in
+from headway.feeds.json_text import parsed_strictly, without_duplicates
 from headway.feeds.refusal import Refusal, Result
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, WIRE_VERSION
 from headway_schemas.encodings import (
@@ -100,7 +101,7 @@ class Reader:
     def _read_msgpack(self, payload: bytes, _received_us: int) -> Records:
         try:
             content = msgpack.unpackb(
-                payload, max_array_len=self._array_max, max_map_len=_MAP_MAX, object_pairs_hook=_without_duplicates
+                payload, max_array_len=self._array_max, max_map_len=_MAP_MAX, object_pairs_hook=without_duplicates
             )
         except ValueError:
             size = _msgpack_array_size(payload)
@@ -110,7 +111,7 @@ class Reader:
         return self._records(content)
 
     def _read_json(self, payload: bytes, _received_us: int) -> Records:
-        return self._records(_json(payload))
+        return self._records(json.loads(payload.decode("utf-8"), object_pairs_hook=without_duplicates))
 
     def _json_feed(self, convert: Callable[[object, int], Result]) -> Callable[[bytes, int], Records]:
         def converted(payload: bytes, received_us: int) -> Records:
@@ -142,7 +143,7 @@ class Reader:
         raise ValueError("neither a message nor a bundle of messages")
 
     def _messages(self, payload: bytes) -> list[Any]:
-        messages = messages_in(_json(payload))
+        messages = messages_in(parsed_strictly(payload))
         if not messages:
             raise ValueError("no message")
         self._require_size(messages)
@@ -189,17 +190,6 @@ def shape_reason(version: object, detail: str) -> RejectReason:
     if type(version) is int and version != WIRE_VERSION:
         return RejectReason(Outcome.WRONG_VERSION, f"v is not {WIRE_VERSION}")
     return RejectReason(Outcome.MALFORMED, detail)
-
-
-def _json(payload: bytes) -> Any:
-    return json.loads(payload.decode("utf-8"), object_pairs_hook=_without_duplicates)
-
-
-def _without_duplicates(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    fields = dict(pairs)
-    if len(fields) != len(pairs):
-        raise ValueError("a field twice")
-    return fields
 
 
 def _msgpack_array_size(payload: bytes) -> int:

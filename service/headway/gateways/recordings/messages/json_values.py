@@ -5,6 +5,7 @@ import json
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
+from headway.feeds.json_text import parsed
 from headway.gateways.recordings.reader import Source
 
 _VALUE_MAX: Final = 1 << 20
@@ -55,7 +56,7 @@ def _lines(source: Source) -> Iterator[Value]:
 
 def _parsed(line: bytes) -> Any:
     try:
-        return json.loads(line)
+        return parsed(line)
     except (ValueError, RecursionError):
         return NOT_JSON
 

@@ -3,14 +3,14 @@
 from collections.abc import Iterator
 from typing import Any, Final
 
-from headway.feeds.instants import envelope_us
 from headway.feeds.j2735_json import from_ode, from_raw, messages_in
 from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNREADABLE_TIME, Refusal, Result
 from headway.gateways.recordings.messages.json_values import NOT_JSON, json_values
 from headway.gateways.recordings.reader import Record, Row, Source
 from headway_schemas.bsm import FIELDS
 
-_NO_TIME: Final = -1
+_T_US: Final = FIELDS.index("t_us")
+_MINUTE_US: Final = 60_000_000
 _NOT_A_MESSAGE: Final = Refusal(MALFORMED, "not JSON")
 _MARKS: Final = (
     b'"coreData"',
@@ -38,15 +38,11 @@ def read(source: Source) -> Iterator[Row]:
 
 
 def _converted(message: Any) -> Result:
-    if isinstance(message, dict) and envelope_us(message, _NO_TIME) == _NO_TIME:
-        return _other_kind(message) or Refusal(UNREADABLE_TIME, "no time in the envelope")
-    return j2735_record(message, 0)
-
-
-def _other_kind(message: Any) -> Refusal | None:
-    """Return what the message is where it is no basic safety message."""
+    """Convert a message; without a time in its envelope it would be within the first minute of 1970."""
     result = j2735_record(message, 0)
-    return result if isinstance(result, Refusal) else None
+    if not isinstance(result, Refusal) and result[_T_US] <= _MINUTE_US:
+        return Refusal(UNREADABLE_TIME, "no time in the envelope")
+    return result
 
 
 def j2735_record(message: Any, received_us: int) -> Result:

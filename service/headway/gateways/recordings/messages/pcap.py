@@ -1,6 +1,5 @@
 """Captures of what a roadside unit sent: a J2735 message in each UDP datagram, UPER or JSON."""
 
-import json
 from collections.abc import Iterator
 from itertools import islice
 from typing import Final
@@ -8,6 +7,7 @@ from typing import Final
 import numpy as np
 
 from headway.feeds.j2735_json import messages_in
+from headway.feeds.json_text import parsed
 from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNREADABLE_TIME, Refusal
 from headway.feeds.uper import NAMES, read_bsms
 from headway.gateways.recordings.messages.ode import j2735_record, row_of
@@ -45,7 +45,7 @@ def _is_json(payload: bytes) -> bool:
 
 def _from_json(packet: Packet) -> Iterator[Row]:
     try:
-        messages = messages_in(json.loads(packet.payload or b""))
+        messages = messages_in(parsed(packet.payload or b""))
     except (ValueError, RecursionError):
         yield Row(packet.number, {}, refusal=Refusal(MALFORMED, "not JSON"))
         return
