@@ -149,8 +149,22 @@ def test_a_copy_is_a_duplicate_another_content_a_contradiction_and_an_older_one_
     assert receive(world, 0.1, 1.0, msg_cnt=1)[0] == Outcome.DUPLICATE
     assert receive(world, 0.1, 1.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert math.isnan(x_m)
-    assert receive(world, 0.05, 50.0, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
+    assert receive(world, 0.05, 0.5, msg_cnt=2)[0] == Outcome.OUT_OF_ORDER
     assert world.tracks.tobytes() == before
+
+
+@pytest.mark.parametrize(
+    ("t_s", "x_m", "counted"), [(0.5, 5.0, 0), (0.5, 8.0, 0), (0.5, 10.0, 1), (0.5, 0.0, 1), (0.95, 13.0, 1)]
+)
+def test_a_late_message_from_a_place_where_the_vehicle_was_not_is_a_contradiction(
+    t_s: float, x_m: float, counted: int
+) -> None:
+    world = World()
+    for k in range(10):
+        receive(world, 0.1 * k, float(k))
+    receive(world, 1.0, 10.0)
+    assert receive(world, t_s, x_m)[0] == Outcome.OUT_OF_ORDER
+    assert world.tracks["contradictions"][0] == counted
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,8 @@ LOG_LIKELIHOOD_RATIO_MAX = 6.0
 """Bound of the log-likelihood ratio of one reading."""
 WITNESS_LOG_ODDS = 2.0
 """Log odds of a neighbouring pair from which it is a witness: .88."""
+SUPPORT_LOG_ODDS = -0.25
+"""Log odds of a pair below which each of its vehicles supports the other."""
 SURPRISE_MAX = 12.0
 """Bound of the motion surprise of a pair."""
 
@@ -60,15 +62,28 @@ def is_recent(pair_fault: Any, t_s: float) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def is_witnessed(behind: Any, ahead: Any, t_s: float) -> bool:
-    """Whether the pair behind, or that ahead, is inconsistent too.
+def is_inconsistent(pair_fault: Any, t_s: float) -> bool:
+    """Whether the pair had a reading of late, and is inconsistent."""
+    return is_recent(pair_fault, t_s) and decayed(pair_fault.log_odds, pair_fault.t_s, t_s) > WITNESS_LOG_ODDS
 
-    A driver may brake, or not, for reasons that the leader does not show. Then the vehicle behind responds to it.
+
+@njit(cache=True, error_model="numpy")
+def is_consistent(pair_fault: Any, t_s: float) -> bool:
+    """Whether the pair had a reading of late, and is consistent."""
+    return is_recent(pair_fault, t_s) and decayed(pair_fault.log_odds, pair_fault.t_s, t_s) < SUPPORT_LOG_ODDS
+
+
+@njit(cache=True, error_model="numpy")
+def is_witnessed(behind: Any, ahead: Any, behind_both: Any, ahead_of_both: Any, t_s: float) -> bool:
+    """Whether the pair `behind`, or that `ahead`, contradicts the suspect too, and somebody supports that witness.
+
+    A driver may brake, or not, for reasons that the leader does not show. Then the vehicle behind responds to it. A
+    vehicle that does not exist contradicts all others. So a witness counts that is consistent with a third vehicle: in
+    the next pair on (`behind_both`, `ahead_of_both`), or across the pair that is judged.
     """
-    found = False
-    for pair_fault in (behind, ahead):
-        found |= is_recent(pair_fault, t_s) and decayed(pair_fault.log_odds, pair_fault.t_s, t_s) > WITNESS_LOG_ODDS
-    return found
+    by_behind = is_inconsistent(behind, t_s) and (is_consistent(behind_both, t_s) or is_consistent(ahead, t_s))
+    by_ahead = is_inconsistent(ahead, t_s) and (is_consistent(ahead_of_both, t_s) or is_consistent(behind, t_s))
+    return by_behind or by_ahead
 
 
 @njit(cache=True, error_model="numpy")

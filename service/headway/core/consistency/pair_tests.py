@@ -10,7 +10,14 @@ import numpy as np
 from numba import njit
 from scipy.special import expit
 
-from headway.core.consistency.attribution import FAULT_LOG_ODDS, decayed, follower_log_odds, is_witnessed
+from headway.core.consistency.attribution import (
+    FAULT_LOG_ODDS,
+    decayed,
+    follower_log_odds,
+    is_consistent,
+    is_inconsistent,
+    is_witnessed,
+)
 from headway.core.consistency.forward_range import RANGING, RangingParams, ranging_reset_leader, ranging_step
 from headway.core.consistency.response import RESPONSE, ResponseParams, response_reset_leader, response_step
 from headway.core.runtime.prefetch import prefetch_row
@@ -24,6 +31,8 @@ PAIR_TESTS = np.dtype(
         ("log_odds_updated_s", "f8"),
         ("ranging_behind", FAULT_LOG_ODDS),  # of the pair of this vehicle's last follower
         ("response_behind", FAULT_LOG_ODDS),
+        ("response_behind_both", FAULT_LOG_ODDS),  # of the pair behind that one,
+        ("response_ahead", FAULT_LOG_ODDS),  # and of the pair of this vehicle's leader with its own
         ("ranging", RANGING),
         ("response", RESPONSE),
     ],
@@ -101,24 +110,29 @@ def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: 
             continue
         leader, response, ranging = pair_tests[leaders[i]], pair_test.response, pair_test.ranging
         propagate(response.pair_fault, leader.response_behind)
+        propagate(pair_test.response_behind, leader.response_behind_both)
+        propagate(leader.response.pair_fault, pair_test.response_ahead)
         propagate(ranging.pair_fault, leader.ranging_behind)
         if verdict.kind != NONE:
             behind, ahead = pair_test.response_behind, leader.response.pair_fault
             if verdict.kind == RANGE_KIND:
                 behind, ahead = pair_test.ranging_behind, leader.ranging.pair_fault
-            elif not is_witnessed(behind, ahead, z.t_s):
+            elif not is_witnessed(behind, ahead, pair_test.response_behind_both, leader.response_ahead, z.t_s):
                 verdict.kind = NONE
                 verdict.follower_log_odds = pair_test.log_odds
                 continue
             surprises = response.follower_surprise, response.leader_surprise
-            hold_attribution(pair_test, follower_log_odds(behind, ahead, *surprises, z.t_s), z.t_s)
+            log_odds = follower_log_odds(behind, ahead, *surprises, z.t_s)
+            if verdict.kind == RANGE_KIND and not (is_consistent(behind, z.t_s) or is_inconsistent(ahead, z.t_s)):
+                log_odds = abs(log_odds)  # the range is the follower's word, and nobody supports it
+            hold_attribution(pair_test, log_odds, z.t_s)
         verdict.follower_log_odds = pair_test.log_odds
 
 
 @njit(cache=True, error_model="numpy")
-def propagate(pair_fault: Any, behind: Any) -> None:
-    """Copy the fault log odds of a pair to its leader's row."""
-    behind.log_odds, behind.t_s = pair_fault.log_odds, pair_fault.t_s
+def propagate(pair_fault: Any, to: Any) -> None:
+    """Copy the fault log odds of a pair to the row of a neighbour."""
+    to.log_odds, to.t_s = pair_fault.log_odds, pair_fault.t_s
 
 
 @njit(cache=True, error_model="numpy")

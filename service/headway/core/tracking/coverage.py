@@ -18,7 +18,7 @@ CELLS = 1 << 14
 
 _CELL_DEG = 4.5e-4  # 50 m of latitude
 _BEYOND_S = 2.0  # how far ahead of a silent vehicle others must have been received
-_BEYOND_MIN_M = 30.0
+_BEYOND_MIN_M = 75.0  # another cell, in each direction: the own one is that of the edge as well
 _ENTRIES_MIN = 3
 
 CELL = np.dtype([("key", "i8"), ("entries", "i8")], align=True)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from headway.core.runtime.prefetch import prefetch_row
 from headway.core.runtime.rows import wipe
 from headway.core.tracking.geodesy import displaced_deg, displacement_m
-from headway.core.tracking.odometer import CRUMB_SPACING_M, TURN_COS_MIN, rests, turn_cos, update_odometer
+from headway.core.tracking.odometer import CRUMB_SPACING_M, TURN_COS_MIN, rests, turn_cos, update_odometer, update_slip
 from headway.core.types.batch import F64, I64, Columns
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
@@ -49,6 +49,7 @@ AHEAD_MAX_S = 0.25
 """A message may be dated so far ahead of its sender's own clock, or it would make the next ones out of order. Delays on
 the way vary by less."""
 _AGE_RATE, _AGE_GAP_S = 0.2, 0.2  # s/s, s: a clock that was set by 1 s is followed within 4 s
+_COMPARABLE_S, _ELSEWHERE_M, _ACCEL_MPS2 = 1.2, 2.5, 8.0  # as a late message of one sender may differ at most
 _SAME_M, _SAME_MPS = 0.5, 0.5  # copies of one message differ by the rounding of gateways
 
 TRACK = np.dtype(
@@ -71,7 +72,7 @@ TRACK = np.dtype(
         ("lon_deg", "f8"),
         ("step_east_m", "f8"),  # displacement between the last two readings
         ("step_north_m", "f8"),
-        ("contradictions", "i8"),  # messages of the newest reading's time with another content
+        ("contradictions", "i8"),  # messages since the newest reading that one sender cannot have sent beside it
         ("x_m", "f8"),
         ("odometer_std_m", "f8"),  # of x_m, where the vehicle sets off in a direction that is not known
         ("innovation_std_m", "f8"),  # by which a reading of x_m may differ from its prediction
@@ -91,6 +92,7 @@ TRACK = np.dtype(
         ("base_north_m", "f8"),
         ("base_heading_east", "f8"),
         ("base_heading_north", "f8"),
+        ("slip", "f8"),  # tangent of the angle from heading to course, to the right, in a turn; 0: not shown
         ("base_resting", "?"),  # the vehicle was at rest there
         ("newest_crumb", "i8"),
         ("crumb_count", "i8"),
@@ -131,7 +133,8 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
 
     A record with the event time of the newest one and another position or speed is a contradiction, and is counted. One
     with the same event time and `msg_cnt` is a duplicate. Any other that is not newer is out of order. One ahead of the
-    sender's own clock is from the future. All four leave the reading of the row as it is.
+    sender's own clock is from the future. All four leave the reading of the row as it is. The last two are counted as
+    contradictions too where the vehicle cannot have been in that place.
 
     Latitude, longitude and speed must be finite; heading, accuracy and length may be NaN.
     """
@@ -142,6 +145,7 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
         track, k = tracks[rows[i]], places[i]
         if _is_ahead(track, batch.received_us[k] - batch.t_us[k], batch.received_us[k]):
             done.outcome[i] = _FROM_THE_FUTURE
+            track.contradictions += _is_elsewhere(track, batch, k)
             continue
         if batch.t_us[k] <= track.t_us:
             done.outcome[i] = _OUT_OF_ORDER
@@ -150,6 +154,8 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
                 track.contradictions += 1
             elif batch.t_us[k] == track.t_us and batch.msg_cnt[k] == track.msg_cnt:
                 done.outcome[i] = _DUPLICATE
+            else:
+                track.contradictions += _is_elsewhere(track, batch, k)
             continue
         done.outcome[i] = _ACCEPTED
         step_s = 1e-6 * (batch.t_us[k] - track.t_us)
@@ -203,10 +209,12 @@ def extend_path_history(
                 track.crumb_count = 0
             track.base_lat_deg, track.base_lon_deg = track.lat_deg, track.lon_deg
             track.base_x_m, track.base_resting = track.x_m, resting
+            update_slip(track)
             if not (track.heading_declared or resting):
                 track.heading_east, track.heading_north = east_m / apart_m, north_m / apart_m
             track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
         else:
+            track.slip = 0.0
             travelled_m = v_mps[i] * track.step_s
             east_m = 0.5 * travelled_m * track.base_heading_east
             north_m = 0.5 * travelled_m * track.base_heading_north
@@ -242,6 +250,7 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     track.base_x_m = track.base_east_m = track.base_north_m = 0.0
     track.base_heading_east = track.base_heading_north = 0.0
     track.base_resting = False
+    track.slip = 0.0
     track.crumb_count = 0
 
 
@@ -250,6 +259,20 @@ def _contradicts(track: Any, batch: Columns, k: int) -> bool:
     """Whether record `k`, of the newest reading's time, is more than a copy of it."""
     east_m, north_m = displacement_m(track.lat_deg, track.lon_deg, batch.lat_deg[k], batch.lon_deg[k])
     return bool(math.hypot(east_m, north_m) > _SAME_M or abs(batch.speed_mps[k] - track.v_mps) > _SAME_MPS)
+
+
+@njit(cache=True, error_model="numpy")
+def _is_elsewhere(track: Any, batch: Columns, k: int) -> bool:
+    """Whether record `k`, of another time than the newest reading, is where that vehicle cannot be then."""
+    dt_s = 1e-6 * (batch.t_us[k] - track.t_us)
+    if track.t_us == 0 or abs(dt_s) > _COMPARABLE_S:
+        return False
+    east_m, north_m = displacement_m(track.lat_deg, track.lon_deg, batch.lat_deg[k], batch.lon_deg[k])
+    way_m = dt_s * track.v_mps
+    room_m = _ELSEWHERE_M + 0.5 * _ACCEL_MPS2 * dt_s * dt_s
+    if track.accuracy_m > 0.0:
+        room_m += track.accuracy_m
+    return bool(math.hypot(east_m - way_m * track.heading_east, north_m - way_m * track.heading_north) > room_m)
 
 
 @njit(cache=True, error_model="numpy")

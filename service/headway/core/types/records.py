@@ -27,7 +27,7 @@ READING = np.dtype(
         ("north_m", "f8"),
         ("heading_deg", "f8"),  # as declared; NaN: not available
         ("accuracy_m", "f8"),  # as declared, 1 sigma; NaN: never
-        ("contradictions", "f8"),  # messages of the same id and time with another content, since the last one
+        ("contradictions", "f8"),  # messages since the last one that one sender cannot have sent beside it
     ],
     align=True,
 )
