@@ -5,6 +5,7 @@ Cars drive in pairs, 30 m apart, each pair on a road of its own: car-0 leads car
 """
 
 import argparse
+import heapq
 import json
 import time
 
@@ -41,6 +42,7 @@ def main() -> None:
     parser.add_argument("--fault-every-s", type=float, default=float("inf"), help="a second of fault each time")
     parser.add_argument("--offset-m", type=float, default=20.0)
     parser.add_argument("--until-s", type=float, default=float("inf"), help="no fault from then on")
+    parser.add_argument("--late-s", type=float, default=0.0, help="each message is sent up to so much later")
     parser.add_argument("--prefix", default="car", help="of the ids")
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
@@ -55,17 +57,22 @@ def main() -> None:
         config.insert_json5(key, json.dumps(value))
     keys, rng = Keys("v2x", options.site), np.random.default_rng(options.seed)
     names = [f"{options.prefix}-{car}" for car in range(options.cars)]
-    sent = dict.fromkeys(names, 0)
+    sent, late, air = dict.fromkeys(names, 0), round(options.late_s / INTERVAL_S), []
     with zenoh.open(config) as session:
         start_s, start_us = time.monotonic(), time.time_ns() // 1000
-        for k in range(round(options.seconds / INTERVAL_S)):
+        steps = round(options.seconds / INTERVAL_S)
+        for k in range(steps + late):
             time.sleep(max(0.0, start_s + k * INTERVAL_S - time.monotonic()))
             since_s = k * INTERVAL_S - options.fault_s
             is_off = since_s >= 0.0 and since_s % options.fault_every_s < 1.0 and k * INTERVAL_S < options.until_s
             t_us = start_us + round(k * INTERVAL_S * 1e6)
-            for car, name in enumerate(names):
+            for car, name in enumerate(names) if k < steps else ():
                 offset_m = options.offset_m if is_off and car >= options.cars - options.faulty else 0.0
                 message = msgpack.packb(record(name, car, k, t_us + car, offset_m, rng))
+                heapq.heappush(air, (k + (int(rng.integers(late + 1)) if late else 0), k, car, message))
+            while air and air[0][0] <= k:
+                _, _, car, message = heapq.heappop(air)
+                name = names[car]
                 session.put(
                     keys.bsm(name), message, encoding=BSM_MSGPACK, congestion_control=zenoh.CongestionControl.BLOCK
                 )
