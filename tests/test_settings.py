@@ -53,6 +53,23 @@ def test_the_environment_wins_over_the_file_and_the_file_over_the_default(toml, 
     ]
 
 
+@pytest.mark.parametrize("written", ['["tcp/127.0.0.1:7447"]', "127.0.0.1:7447", "tcp/", "tcp:7447"])
+def test_what_is_no_endpoint_stops_the_start_with_how_one_is_written(monkeypatch, written: str) -> None:
+    monkeypatch.setenv("HEADWAY_LISTEN", written)
+    assert "like tcp/10.0.0.1:7447; commas separate several" in refusal()
+
+
+def test_endpoints_of_the_environment_are_separated_by_commas_or_blanks(monkeypatch) -> None:
+    monkeypatch.setenv(
+        "HEADWAY_CONNECT", "tcp/[::1]:7447, tls/router.example:7448#so_rcvbuf=65000 unixsock-stream//run/h.sock"
+    )
+    assert load().settings.connect == (
+        "tcp/[::1]:7447",
+        "tls/router.example:7448#so_rcvbuf=65000",
+        "unixsock-stream//run/h.sock",
+    )
+
+
 def test_an_unknown_name_in_the_file_stops_the_start_with_the_nearest_right_one(toml) -> None:
     assert "unknown setting dealy_s" in refusal(toml("dealy_s = 1\n"))
     assert "did you mean delay_s?" in refusal(toml("dealy_s = 1\n"))

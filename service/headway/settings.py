@@ -61,8 +61,16 @@ def _given(value: object) -> object:
     return None if value == "" else value
 
 
+def _endpoint(value: str) -> str:
+    """Refuse what zenoh would refuse later, in words of its own."""
+    if not re.fullmatch(r"[a-z][a-z0-9-]*/[^\s\"',]+", value):
+        raise ValueError("an endpoint is written like tcp/10.0.0.1:7447; commas separate several")
+    return value
+
+
 StateDir = Annotated[Path | None, BeforeValidator(_given)]
-Endpoints = Annotated[tuple[str, ...], NoDecode, BeforeValidator(_listed)]
+Endpoint = Annotated[str, AfterValidator(_endpoint)]
+Endpoints = Annotated[tuple[Endpoint, ...], NoDecode, BeforeValidator(_listed)]
 
 
 def _known_model(value: str) -> str:
@@ -351,6 +359,8 @@ def allowed(name: str) -> str:
         return ", ".join(entry["enum"])
     if "pattern" in entry:
         return f"text matching {entry['pattern']}"
+    if entry.get("type") == "array":
+        return "a list"
     if "maximum" not in entry:
         return str(entry.get("type", "path"))
     low = f"from {entry['minimum']}" if "minimum" in entry else f"above {entry['exclusiveMinimum']}"
