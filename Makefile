@@ -3,6 +3,7 @@ PYTHON ?= $(shell command -v python3.11 || command -v python3)
 BIN := .venv/bin
 FUZZ_SECONDS ?= 3600
 FUZZ_RECORDS ?= inf
+FUZZ_INPUTS ?= inf
 FUZZ_TARGET ?= json
 
 .PHONY: help venv demo test check check-deploy bench soak faults fuzz fuzz-coverage sbom performance browser wheel format clean
@@ -51,7 +52,7 @@ faults: venv  ## processes killed, stopped and flooded over real zenoh: half an 
 	$(BIN)/python -m pytest tests/faults -m faults
 
 fuzz: venv  ## mutated messages and adversarial drives through codec and engine, for FUZZ_SECONDS (an hour)
-	PYTHONPATH=tests $(BIN)/python tests/fuzz/campaign.py --seconds $(FUZZ_SECONDS) --records $(FUZZ_RECORDS)
+	PYTHONPATH=tests $(BIN)/python tests/fuzz/campaign.py --seconds $(FUZZ_SECONDS) --records $(FUZZ_RECORDS) --inputs $(FUZZ_INPUTS)
 
 fuzz-coverage: venv  ## atheris chooses the inputs of one FUZZ_TARGET (installs atheris, which has wheels for Linux)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[fuzz]'

@@ -35,22 +35,22 @@ def test_it_reads_what_orjson_refuses(text: bytes, value: object) -> None:
     assert parsed(text) == value
 
 
-@given(st.lists(st.tuples(st.sampled_from('abc":'), VALUES), max_size=3), st.sampled_from([":", " :", '":']))
-def test_a_field_twice_is_an_error_where_it_is_strict(fields: list[tuple[str, object]], colon: str) -> None:
-    """Whatever strings hold, and however the text is written."""
-    inner = ",".join(json.dumps(name) + colon.replace('"', "") + json.dumps(value) for name, value in fields)
-    text = f'[{{"x":{{{inner}}}}},{json.dumps(colon)}]'.encode("utf-8", "surrogatepass")
+@given(
+    fields=st.lists(st.tuples(st.sampled_from('abc":'), VALUES), max_size=3),
+    colon=st.sampled_from([":", " :", "\t:"]),
+    beside=st.sampled_from(['":"', '" :"', '"\\u0022:"', '"\\":"', '""']),
+)
+def test_a_field_twice_is_an_error_where_it_is_strict(
+    fields: list[tuple[str, object]], colon: str, beside: str
+) -> None:
+    """Whatever strings are beside, and however the text is written."""
+    inner = ",".join(f"{json.dumps(name)}{colon}{json.dumps(value)}" for name, value in fields)
+    text = f'[{{"x":{{{inner}}}}},{beside}]'.encode()
     if len({name for name, _ in fields}) < len(fields):
         with pytest.raises(ValueError, match="twice"):
             parsed_strictly(text)
     else:
         assert parsed_strictly(text) == json.loads(text)
-
-
-@given(st.integers(), st.integers(0, 400))
-def test_an_integer_stays_one_where_it_is_strict(number: int, digits: int) -> None:
-    for value in (number, number * 10**digits, {"a": [number * 10**digits]}):
-        assert repr(parsed_strictly(json.dumps(value).encode())) == repr(value)
 
 
 def test_nan_is_a_number_to_be_refused_later() -> None:

@@ -19,6 +19,7 @@ from fuzz.targets import TARGETS, Target
 from headway.core.types.outcome import Outcome
 
 FLAT_SHARE = 1.05
+INFINITE = float("inf")
 _WARM_S, _EVERY_S = 300.0, 60.0
 _WARM_SHARE = 0.2
 """A shorter campaign is warm after this share of it: caches are full by then."""
@@ -34,15 +35,21 @@ class Campaign:
     inputs: Counter[str] = field(default_factory=Counter)
     failures: list[str] = field(default_factory=list)
 
-    def run(self, names: Iterable[str], *, seconds: float = float("inf"), records: float = float("inf")) -> None:
-        """Fuzz targets in turn until so many seconds or records are over."""
+    def run(
+        self, names: Iterable[str], *, seconds: float = INFINITE, records: float = INFINITE, inputs: float = INFINITE
+    ) -> None:
+        """Fuzz targets in turn until so many seconds or records are over, or each target had so many inputs."""
         rng, began_s, done = np.random.default_rng(self.seed), time.monotonic(), 0
         mutators = {name: Mutator(TARGETS[name].seeds(), rng) for name in names}
-        while True:
-            for name, mutator in mutators.items():
+        while left := [name for name in mutators if self.inputs[name] < inputs]:
+            for name in left:
                 if time.monotonic() - began_s >= seconds or done >= records:
                     return
-                done += self._turn(name, TARGETS[name], mutator)
+                done += self._turn(name, TARGETS[name], mutators[name])
+
+    def had(self, names: Iterable[str], inputs: float) -> bool:
+        """Whether each of these targets had so many inputs."""
+        return all(self.inputs[name] >= inputs for name in names)
 
     @property
     def records(self) -> int:
@@ -89,16 +96,22 @@ def report(campaign: Campaign) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=3_600.0)
-    parser.add_argument("--records", type=float, default=float("inf"))
+    parser.add_argument("--records", type=float, default=INFINITE)
+    parser.add_argument("--inputs", type=float, default=INFINITE, help="of each target")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--target", action="append", choices=list(TARGETS), help="all by default")
     options = parser.parse_args()
     names, warm_s = options.target or list(TARGETS), min(_WARM_S, _WARM_SHARE * options.seconds)
     campaign, memory_mb, began_s = Campaign(options.seed, Path("out/fuzz")), [], time.monotonic()
     left_s = options.seconds
-    while left_s > 0.0 and campaign.records < options.records:
+    while left_s > 0.0 and campaign.records < options.records and not campaign.had(names, options.inputs):
         is_warm = options.seconds - left_s >= warm_s
-        campaign.run(names, seconds=_EVERY_S if is_warm else warm_s, records=options.records - campaign.records)
+        campaign.run(
+            names,
+            seconds=min(left_s, _EVERY_S if is_warm else warm_s),
+            records=options.records - campaign.records,
+            inputs=options.inputs,
+        )
         campaign.seed += 1
         memory_mb.append(rss_mb())
         left_s = options.seconds - (time.monotonic() - began_s)
