@@ -64,6 +64,32 @@ def test_each_oddity_of_spmd_is_judged(name: str, records: int, refused: dict[st
     assert len(lines) == len(refused)
 
 
+@pytest.mark.parametrize(
+    ("name", "records", "vehicles", "refused"),
+    [
+        ("fold_gz", 800, 2, {}),
+        ("fold_lower", 800, 2, {}),
+        ("fold_mixed", 800, 2, {}),
+        ("fold_nested", 800, 2, {}),
+        ("fold_upper", 800, 2, {}),
+        ("spmd_bom", 400, 1, {}),
+        ("spmd_crlf", 400, 1, {}),
+        ("spmd_nan", 400, 1, {"unavailable": 2}),
+        ("spmd_negspeed", 400, 1, {"out_of_range": 10}),
+        ("spmd_ok", 400, 1, {}),
+        ("spmd_rangetext", 400, 1, {}),
+    ],
+)
+def test_each_folder_of_spmd_is_judged(name: str, records: int, vehicles: int, refused: dict[str, int]) -> None:
+    path = CASES / "files" / name
+    if not path.is_dir():
+        pytest.skip(f"files as they are found are not at {CASES}")
+    summary, lines = judged(path)
+    assert (summary["records"], summary["vehicles"], summary["alarms"]) == (records, vehicles, 0)
+    assert {word: n for word, n in summary["outcomes"].items() if word not in ("scored", "warming")} == refused
+    assert len(lines) == sum(1 for _ in refused) + (name == "spmd_nan")
+
+
 def test_every_other_file_is_judged() -> None:
     files = sorted((CASES / "other").glob("*"))
     if not files:

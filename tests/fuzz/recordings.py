@@ -19,7 +19,8 @@ _OUTCOMES = {outcome.label: outcome for outcome in Outcome}
 _ROWS = 6
 _MAPPING = "id=id,t=t_s,lat=lat,lon=lon,speed=speed_mps[mph]"
 _FILES = {
-    "ode": ("ode.json",), "thea": ("thea.csv",), "pcap": ("rsu.pcap", "rsu.pcapng"), "bsmp1": ("bsmp1.csv",),
+    "ode": ("ode.json",), "thea": ("thea.csv",), "pcap": ("rsu.pcap", "rsu.pcapng", "cam.pcap"),
+    "cam": ("vanetza.json", "its-client.json"), "bsmp1": ("bsmp1.csv",),
     "veremi": ("veremi.json", "nextgen.json"), "fcd": ("fcd-geo.xml", "fcd-local.xml"), "ngsim": ("ngsim.csv",),
     "highd": ("highd.csv",), "openacc": ("openacc.csv",), "wydot": ("wydot.csv",), "gnss": ("gnss.csv",),
 }  # fmt: skip

@@ -124,11 +124,11 @@ def _datagram(payload: bytes) -> bytes:
     return b"\0" * 12 + b"\x08\x00" + ip + udp
 
 
-def _pcap(path: Path) -> None:
+def _pcap(path: Path, frame: Callable[[Reading], bytes] = uper) -> None:
     with path.open("wb") as file:
         file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
         for one in READINGS:
-            us, packet = ABSOLUTE_US + one.step * 100_000 + 20_000, _datagram(uper(one))
+            us, packet = ABSOLUTE_US + one.step * 100_000 + 20_000, _datagram(frame(one))
             file.write(struct.pack("<IIII", us // 10**6, us % 10**6, len(packet), len(packet)) + packet)
 
 
@@ -145,6 +145,46 @@ def _pcapng(path: Path) -> None:
             file.write(
                 block(6, struct.pack(">IIIII", 0, ns >> 32, ns & 0xFFFF_FFFF, len(packet), len(packet)) + packet)
             )
+
+
+def cam_delta(one: Reading) -> int:
+    """Return the milliseconds of TAI since 2004, modulo 65,536."""
+    return ((ABSOLUTE_US - 1_072_915_200_000_000) // 1000 + 5000 + one.step * 100) % 65_536
+
+
+def vanetza_message(one: Reading) -> dict[str, object]:
+    fast = {"heading": {"headingValue": 0.0}, "speed": {"speedValue": float(one.speed_mps)}}
+    parameters = {
+        "basicContainer": {"referencePosition": {"latitude": one.lat, "longitude": one.lon}},
+        "highFrequencyContainer": {"basicVehicleContainerHighFrequency": fast},
+    }
+    cam = {"generationDeltaTime": cam_delta(one), "camParameters": parameters}
+    at_s = (ABSOLUTE_US + one.step * 100_000 + 30_000) / 1e6
+    return {"timestamp": at_s, "fields": {"header": {"messageID": 2, "stationID": one.car}, "cam": cam}}
+
+
+def its_client_message(one: Reading) -> dict[str, object]:
+    message = {
+        "station_id": one.car, "generation_delta_time": cam_delta(one),
+        "basic_container": {
+            "reference_position": {"latitude": round(one.lat * 1e7), "longitude": round(one.lon * 1e7)},
+        },
+        "high_frequency_container": {"heading": 0, "speed": round(one.speed_mps * 100)},
+    }  # fmt: skip
+    at_ms = (ABSOLUTE_US + one.step * 100_000) // 1000 + 30
+    return {"message_type": "cam", "timestamp": at_ms, "message": message}
+
+
+def cam_uper(one: Reading) -> bytes:
+    """Pack a CAM by the published widths, up to the longitudinal acceleration."""
+    fields = [
+        (2, 8), (2, 8), (one.car, 32), (cam_delta(one), 16), (0, 4), (5, 8), (round(one.lat * 1e7) + 900_000_000, 31),
+        (round(one.lon * 1e7) + 1_800_000_000, 32), (4095, 12), (4095, 12), (3601, 12), (900_001, 20), (15, 4), (0, 2),
+        (0, 7), (0, 12), (126, 7), (round(one.speed_mps * 100), 14), (126, 7), (0, 2), (1022, 10), (4, 3), (61, 6),
+        (321, 9), (102, 7), (1023, 11), (7, 3), (0, 2), (32767, 16), (8, 4),
+    ]  # fmt: skip
+    bits = "".join(f"{value:0{width}b}" for value, width in fields)
+    return int(bits.ljust(-(-len(bits) // 8) * 8, "0"), 2).to_bytes(-(-len(bits) // 8), "big")
 
 
 def _fcd(path: Path, *, geo: bool) -> None:
@@ -212,6 +252,9 @@ MADE: Final = {
     "ode.json": Made(_lines(ode_message), ABSOLUTE_US, _HEX),
     "thea.csv": Made(_thea, ABSOLUTE_US, _HEX),
     "rsu.pcap": Made(_pcap, ABSOLUTE_US, _HEX),
+    "cam.pcap": Made(lambda path: _pcap(path, cam_uper), ABSOLUTE_US),
+    "vanetza.json": Made(_lines(vanetza_message), ABSOLUTE_US),
+    "its-client.json": Made(_lines(its_client_message), ABSOLUTE_US),
     "rsu.pcapng": Made(_pcapng, ABSOLUTE_US, _HEX),
     "fcd-geo.xml": Made(lambda path: _fcd(path, geo=True), START_US),
     "fcd-local.xml": Made(lambda path: _fcd(path, geo=False), START_US),

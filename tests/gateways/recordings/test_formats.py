@@ -217,3 +217,44 @@ def test_a_mapping_that_cannot_be_used_is_one_line(tmp_path: Path, columns: str,
     path.write_text("Car,Time,Y,X,V,H\na,1,1,1,1,0\n")
     with pytest.raises(RecordingError, match=words):
         rows_of(path, columns=columns)
+
+
+def test_a_folder_stands_for_the_recordings_in_it(tmp_path: Path) -> None:
+    (tmp_path / "one" / "two").mkdir(parents=True)
+    MADE["bsmp1.csv"].write(tmp_path / "one" / "BsmP1.CSV")
+    MADE["gnss.csv"].write(tmp_path / "one" / "two" / "drive.csv")
+    (tmp_path / "one" / "README.txt").write_text("nothing to read")
+    (tmp_path / "one" / "DataLane.csv").write_text("Device,Trip,Time,LaneDistanceLeft\n1,1,1,0\n")
+    (tmp_path / "one" / "BsmP1_empty.csv").write_text(BSM_P1_HEADER + "\n")
+    (tmp_path / "one" / "nothing.csv").write_text("")
+    found = rows_of(tmp_path / "one")
+    assert len(found) == 2 * len(READINGS)
+    assert {Path(row.source.name).name for row in found} == {"BsmP1.CSV", "drive.csv"}
+    assert {Path(row.source.name).name for row in rows_of(tmp_path / "one", form="gnss")} == {"drive.csv"}
+    with pytest.raises(RecordingError, match="no recording in this folder"):
+        rows_of(tmp_path / "one", form="pcap")
+
+
+DATA_WSU = "Device,Trip,Time,GpsValidWsu,GpsTimeWsu,LatitudeWsu,LongitudeWsu,AltitudeWsu,GpsHeadingWsu,SpeedWsu,AxWsu"
+
+
+def test_a_car_of_spmd_has_its_speed_in_kilometres_an_hour_and_its_trips_apart(tmp_path: Path) -> None:
+    path = tmp_path / "DataWsu.csv"
+    rows = [
+        "101,5,1000,1,500010000,42.30,-83.70,250.0,45.0,52.57,0.1",
+        "101,5,1010,1,500010100,42.31,-83.71,250.0,45.0,36.00,0.1",
+        "101,6,1000,1,500010100,42.32,-83.72,250.0,360.0,N/A,0.1",
+        "101,6,1010,0,500010200,42.33,-83.73,250.0,45.0,7.20,0.1",
+        "101,6,1020,1,500010300,42.34,-83.74,250.0,45.0,7.20,0.1",
+    ]
+    path.write_text("\ufeff" + "\r\n".join([DATA_WSU, *rows]))
+    found = rows_of(path)
+    good = [row for row in found if row.refusal is None]
+    assert [row.record["id"] for row in good] == ["101-5", "101-5", "101-6"]
+    assert [row.record["t_us"] for row in good] == [500_010_000_000, 500_010_100_000, 500_010_300_000]
+    assert [row.record["speed_mps"] for row in good] == pytest.approx([52.57 / 3.6, 10.0, 2.0])
+    assert good[0].drive == good[1].drive != good[2].drive
+    assert [(row.number, row.refusal.reason) for row in found if row.refusal] == [
+        (4, "unavailable"),
+        (5, "unavailable"),
+    ]

@@ -8,6 +8,7 @@ from xml.etree import ElementTree as ET
 
 from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNAVAILABLE, Refusal
 from headway.gateways.recordings.local_plane import ORIGIN
+from headway.gateways.recordings.message_counts import MessageCounts
 from headway.gateways.recordings.order import by_drive
 from headway.gateways.recordings.reader import START_US, Record, Row, Source
 from headway.gateways.recordings.tables.cells import identifier, number
@@ -16,7 +17,6 @@ from headway_schemas.bsm import WIRE_VERSION
 _STEPS_TO_DECIDE: Final = 200
 _METRES_FROM: Final = 1e-2
 """Share of the driven distance by which coordinates change at least where they are metres: a degree is 1e5 of them."""
-_VEHICLES_MAX: Final = 100_000
 _ACCEL_MAX_MPS2: Final = 20.0
 
 
@@ -58,7 +58,7 @@ def _rows(source: Source) -> Iterator[Row]:
     if is_geo is None:
         places = [one for one in waiting if isinstance(one, _Seen)]
         is_geo = all(abs(one.x) <= 180.0 and abs(one.y) <= 90.0 for one in places)  # noqa: PLR2004 - degrees
-    counts: dict[str, int] = {}
+    counts = MessageCounts()
     for one in chain(waiting, seen):
         yield one._replace(drive=source.name) if isinstance(one, Row) else _row(one, source.name, counts, is_geo=is_geo)
 
@@ -71,11 +71,7 @@ def _by_motion(before: _Seen | None, now: _Seen) -> bool | None:
     return math.hypot(now.x - before.x, now.y - before.y) < _METRES_FROM * driven_m
 
 
-def _row(one: _Seen, drive: str, counts: dict[str, int], *, is_geo: bool) -> Row:
-    if len(counts) >= _VEHICLES_MAX:
-        counts.clear()
-    count = counts.get(one.vehicle, 0)
-    counts[one.vehicle] = count + 1
+def _row(one: _Seen, drive: str, counts: MessageCounts, *, is_geo: bool) -> Row:
     try:
         lat, lon = (one.y, one.x) if is_geo else ORIGIN.lat_lon(one.x, one.y)
         t_us = START_US + round(one.t_s * 1e6)
@@ -84,7 +80,7 @@ def _row(one: _Seen, drive: str, counts: dict[str, int], *, is_geo: bool) -> Row
     record: Record = {
         "v": WIRE_VERSION,
         "id": one.vehicle,
-        "msg_cnt": count % 128,
+        "msg_cnt": counts.next(one.vehicle),
         "t_us": t_us,
         "lat": lat,
         "lon": lon,

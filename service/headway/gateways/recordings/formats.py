@@ -5,16 +5,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Final, NamedTuple
 
 from headway.feeds.refusal import Refusal
 from headway.gateways.recordings import fcd
 from headway.gateways.recordings.bsm_lines import read_lines
 from headway.gateways.recordings.columns import RECEIVED, read_csv, read_parquet
-from headway.gateways.recordings.messages import ode, pcap, thea, veremi
+from headway.gateways.recordings.messages import cam, ode, pcap, thea, veremi
 from headway.gateways.recordings.order import by_drive
 from headway.gateways.recordings.reader import (
     CHUNK,
+    STANDARD_INPUT,
     Reader,
     Record,
     RecordingError,
@@ -56,10 +58,13 @@ def _messages(what: str, recognise: Callable[[bytes], bool], read: Rows) -> Form
 
 
 FORMATS: Final[Mapping[str, Format]] = {
-    "pcap": _messages("captured UDP datagrams with J2735 UPER or JSON: pcap, pcapng", pcap.recognise, pcap.read),
+    "pcap": _messages(
+        "captured UDP datagrams with J2735 or CAM, UPER or JSON: pcap, pcapng", pcap.recognise, pcap.read
+    ),
     "fcd": Format("SUMO floating car data, XML", fcd.recognise, fcd.read),
     "thea": _messages("Tampa pilot (THEA) CSV with XER", thea.recognise, thea.read),
     "veremi": Format("VeReMi, F2MD and VeReMi-NextGen logs, JSON", veremi.recognise, veremi.read),
+    "cam": _messages("ETSI CAM in JSON of vanetza-nap or its-client", cam.recognise, cam.read),
     "ode": _messages("USDOT ODE JSON, every schema, and J2735 JSON", ode.recognise, ode.read),
     "bsmp1": _table(published.BSM_P1, "SPMD BsmP1, CSV with or without a header"),
     "datawsu": _table(published.DATA_WSU, "SPMD DataWsu, CSV"),
@@ -105,6 +110,8 @@ class Recordings:
 def open_recordings(names: Sequence[str], form: str = AUTO, columns: str | None = None) -> Iterator[Recordings]:
     """Open recordings of one format, or each of the format that its first bytes or its name tell.
 
+    A folder stands for the recordings in it that their first bytes tell.
+
     `columns` is a mapping for tables that have columns of their own.
 
     Raises
@@ -118,12 +125,34 @@ def open_recordings(names: Sequence[str], form: str = AUTO, columns: str | None 
     if columns is not None and form != AUTO:
         raise RecordingError("--columns describes a table of your own: leave --format out")
     with ExitStack() as stack:
-        sources = [stack.enter_context(opened(name)) for name in names]
-        located = []
-        for source in sources:
-            source.columns = columns
-            located.append(_located(source, _reader(source, form)))
+        sources, located = list[Source](), list[Iterator[list[Located]]]()
+        for name in names:
+            for file in _files(name, form, columns):
+                source = stack.enter_context(opened(file))
+                source.columns = columns
+                sources.append(source)
+                located.append(_located(source, _reader(source, form), may_be_empty=file != name))
         yield Recordings(sources, located[0] if len(located) == 1 else _merged(located))
+
+
+def _files(name: str, form: str, columns: str | None) -> Sequence[str]:
+    """Return the recordings in a folder and in those within it, by name; the name itself where it is no folder."""
+    folder = Path(name)
+    if name == STANDARD_INPUT or not folder.is_dir():
+        return (name,)
+    files = [str(file) for file in sorted(folder.rglob("*")) if file.is_file()]
+    if columns is None:
+        files = [file for file in files if (found := _known(file)) is not None and form in (AUTO, found)]
+    if not files:
+        raise RecordingError(f"{name}: no recording in this folder")
+    return files
+
+
+def _known(name: str) -> str | None:
+    try:
+        return recognised(name)
+    except RecordingError:
+        return None
 
 
 def _reader(source: Source, form: str) -> Reader:
@@ -179,13 +208,13 @@ def _in_chunks(rows_of: Rows) -> Reader:
     return read
 
 
-def _located(source: Source, reader: Reader) -> Iterator[list[Located]]:
+def _located(source: Source, reader: Reader, *, may_be_empty: bool) -> Iterator[list[Located]]:
     empty = True
     with named_errors(source.name):
         for rows in reader(source):
             empty = False
             yield [Located(source, *row) for row in rows]
-    if empty:
+    if empty and not may_be_empty:
         raise source.error("no records")
 
 

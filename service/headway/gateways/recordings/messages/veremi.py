@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from headway.feeds.refusal import MALFORMED, UNAVAILABLE, Refusal
 from headway.gateways.recordings.local_plane import ORIGIN, course_deg
+from headway.gateways.recordings.message_counts import MessageCounts
 from headway.gateways.recordings.messages.json_values import NOT_JSON, json_values
 from headway.gateways.recordings.order import by_drive
 from headway.gateways.recordings.reader import START_US, Record, Row, Source, Truth
@@ -19,7 +20,6 @@ from headway_schemas.bsm import WIRE_VERSION
 _OWN_POSITION, _MESSAGE, _GROUND_TRUTH = 2, 3, 4
 _US_PER_S: Final = 1e6
 _NS_PER_US: Final = 1000
-_VEHICLES_MAX: Final = 100_000
 _ACCEL_MAX_MPS2: Final = 20.0
 
 
@@ -38,7 +38,7 @@ def read(source: Source) -> Iterator[Row]:
 
 
 def _rows(source: Source) -> Iterator[Row]:
-    counts: dict[str, int] = {}
+    counts = MessageCounts()
     for number, content in json_values(source):
         for message in content if isinstance(content, list) else [content]:
             if message is NOT_JSON or not isinstance(message, dict):
@@ -61,18 +61,14 @@ def _truth(message: Mapping[str, Any]) -> Truth | None:
     return None if type(name) not in (int, str) else Truth(str(name), attack != 0 if known else None)
 
 
-def _row(number: int, message: Mapping[str, Any], drive: str, counts: dict[str, int]) -> Row:
+def _row(number: int, message: Mapping[str, Any], drive: str, counts: MessageCounts) -> Row:
     try:
         record = _record(message)
     except _FieldError as error:
         return Row(number, {}, drive, Refusal(UNAVAILABLE, f"{error}: no value of its kind"))
     except (ValueError, OverflowError):
         return Row(number, {}, drive, Refusal(MALFORMED, "a number that is no place, motion or time"))
-    if len(counts) >= _VEHICLES_MAX:
-        counts.clear()
-    count = counts.get(record["id"], 0)
-    counts[record["id"]] = count + 1
-    record["msg_cnt"] = count % 128
+    record["msg_cnt"] = counts.next(record["id"])
     return Row(number, record, drive)
 
 
