@@ -106,7 +106,7 @@ def field(
 
     Example: headway evaluate field recordings/ --out report
     """
-    from headway.cli.run.recorded.scenes import FieldReader
+    from headway.cli.run.recorded.field_reader import FieldReader
     from headway_loadtest.evaluate.field.attacks import ATTACKS
     from headway_loadtest.evaluate.field.command import evaluate_field
     from headway_loadtest.evaluate.field.experiment import FieldProtocol

@@ -13,7 +13,8 @@ from rich.progress import MofNCompleteColumn, Progress, SpinnerColumn, TextColum
 from headway_loadtest.evaluate.field import sumo
 from headway_loadtest.evaluate.field.attacks import ATTACKS
 from headway_loadtest.evaluate.field.experiment import FieldProtocol, run_field
-from headway_loadtest.evaluate.field.recordings import Reader, Recording, load, load_recorded
+from headway_loadtest.evaluate.field.misbehaviour import Attacked, of_ground_truth
+from headway_loadtest.evaluate.field.recordings import Bools, Reader, Recording, load, load_recorded
 from headway_loadtest.evaluate.field.report import markdown, print_report
 from headway_loadtest.evaluate.options import OptionError
 from headway_loadtest.sources.drive import SourceError
@@ -40,8 +41,8 @@ def evaluate_field(
     stderr = Console(stderr=True, soft_wrap=True, highlight=False)
     try:
         check(protocol, out)
-        recordings = _recordings(sources, protocol, minutes, reader, stderr)
-        result = _run(recordings, protocol, processes or cpu_count() or 1, stderr)
+        recordings, labelled = _recordings(sources, protocol, minutes, reader, stderr)
+        result = _run(recordings, labelled, protocol, processes or cpu_count() or 1, stderr)
     except (SourceError, OptionError) as error:
         stderr.print(f"headway evaluate field: {error}", markup=False)
         return BAD_INPUT
@@ -75,34 +76,45 @@ def check(protocol: FieldProtocol, out: Path | None) -> None:
 
 def _recordings(
     sources: Sequence[str], protocol: FieldProtocol, minutes: float, reader: Reader | None, stderr: Console
-) -> list[Recording]:
-    made: list[Recording] = []
+) -> tuple[list[Recording], list[Attacked]]:
+    """Return the recordings without ground truth and those with it."""
+    made, labelled = list[Recording](), list[Attacked]()
     for source in sources:
         with stderr.status(source):
             if source.partition(":")[0] == sumo.PREFIX and not Path(source).exists():
                 made += sumo.recordings(source, minutes, protocol.seed)
             else:
-                made += _at(Path(source), protocol, reader)
-    return made
+                for recording, malicious in _at(Path(source), protocol, reader):
+                    if malicious is None:
+                        made.append(recording)
+                    else:
+                        labelled.append(of_ground_truth(recording, malicious))
+    return made, labelled
 
 
-def _at(path: Path, protocol: FieldProtocol, reader: Reader | None) -> Iterator[Recording]:
-    """Yield the recordings at or below a path, those of other systems last."""
+def _at(path: Path, protocol: FieldProtocol, reader: Reader | None) -> Iterator[tuple[Recording, Bools | None]]:
+    """Yield the recordings at or below a path, those of other systems last, and which messages are attacks."""
     files = sorted(path.rglob("*")) if path.is_dir() else [path]
     others = [file for file in files if reader is not None and file.is_file() and reader.recognises(file)]
     if not others or path.is_dir():
-        yield from load(path, protocol.runs, protocol.seed, without=others)
-    for file in others:
+        yield from ((one, None) for one in load(path, protocol.runs, protocol.seed, without=others))
+    if others:
         assert reader is not None
-        yield from load_recorded(file, reader)
+        yield from load_recorded(others, reader)
 
 
-def _run(recordings: Sequence[Recording], protocol: FieldProtocol, processes: int, stderr: Console) -> dict[str, Any]:
+def _run(
+    recordings: Sequence[Recording],
+    labelled: Sequence[Attacked],
+    protocol: FieldProtocol,
+    processes: int,
+    stderr: Console,
+) -> dict[str, Any]:
     columns = (SpinnerColumn(), TextColumn("{task.description}"), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=stderr, transient=True) as bar:
         task = bar.add_task("recordings", total=None)
         measured = run_field(
-            recordings, protocol, processes, lambda done, of: bar.update(task, completed=done, total=of)
+            recordings, labelled, protocol, processes, lambda done, of: bar.update(task, completed=done, total=of)
         )
     return {
         "budget_per_hour": protocol.budget_per_hour,

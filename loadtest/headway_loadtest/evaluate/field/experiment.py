@@ -13,7 +13,7 @@ from headway_loadtest.evaluate.field.causes import facts_of
 from headway_loadtest.evaluate.field.degradations import DEGRADATIONS, JUMPS, degrade, with_jumps
 from headway_loadtest.evaluate.field.detection import Detection, detect
 from headway_loadtest.evaluate.field.faults import with_faults
-from headway_loadtest.evaluate.field.misbehaviour import ONSETS, AttackScore
+from headway_loadtest.evaluate.field.misbehaviour import ONSETS, Attacked, AttackScore
 from headway_loadtest.evaluate.field.recordings import Recording
 from headway_loadtest.evaluate.field.score import (
     MISS,
@@ -27,6 +27,8 @@ from headway_loadtest.evaluate.field.score import (
     ratio,
 )
 
+GROUND_TRUTH, RECORDED = "ground truth", "recorded"
+"""Attack and onset of recordings whose attackers their data set names."""
 Progress = Callable[[int, int], None]
 """Called with the finished and the total number of parts."""
 Spread = Callable[..., Iterable[Any]]
@@ -64,9 +66,16 @@ class DegradedScore:
 
 
 def run_field(
-    recordings: Sequence[Recording], protocol: FieldProtocol, processes: int, progress: Progress
+    recordings: Sequence[Recording],
+    labelled: Sequence[Attacked],
+    protocol: FieldProtocol,
+    processes: int,
+    progress: Progress,
 ) -> dict[str, list[Row]]:
-    """Run the protocol; return `rows`, `degradations` and `attacks` of the JSON."""
+    """Run the protocol; return `rows`, `degradations` and `attacks` of the JSON.
+
+    `labelled` are recordings with attackers in them, which are judged once, as they are.
+    """
     groups = dict.fromkeys(recording.group for recording in recordings)
     with_runs = [(recording, run) for recording in recordings for run in runs_of(recording, protocol.runs)]
     names = (*DEGRADATIONS, *JUMPS) if protocol.degrade else ()
@@ -75,11 +84,12 @@ def run_field(
     attacking = [
         (recording, run, name, onset, protocol) for (recording, run), (name, onset) in product(with_runs, cases)
     ]
-    done, of = 0, len(recordings) + len(degrading) + len(attacking)
+    done, of = 0, len(recordings) + len(degrading) + len(attacking) + len(labelled)
 
     sets = {group: SetScore() for group in groups}
     degraded = {key: DegradedScore() for key in product(groups, names)}
     attacked = {(group, name, onset): AttackScore() for group, (name, onset) in product(groups, cases)}
+    truth = {one.recording.group: AttackScore() for one in labelled}
     with workers(processes) as spread:
         judged = spread(_measure, [(recording, protocol) for recording in recordings])
         for recording, measured in zip(recordings, judged, strict=True):
@@ -93,10 +103,16 @@ def run_field(
         for attack, scored in zip(attacking, spread(_measure_attack, attacking), strict=True):
             attacked[attack[0].group, attack[2], attack[3]] += scored
             progress(done := done + 1, of)
+        for one, scored in zip(labelled, spread(_measure_labelled, [(one, protocol) for one in labelled]), strict=True):
+            truth[one.recording.group] += scored
+            progress(done := done + 1, of)
     return {
         "rows": [row for group, scored in sets.items() for row in _rows(group, scored)],
         "degradations": [_degraded_row(*key, total) for key, total in degraded.items()],
-        "attacks": [misbehaviour.row(*key, total) for key, total in attacked.items()],
+        "attacks": [
+            *(misbehaviour.row(*key, total) for key, total in attacked.items()),
+            *(misbehaviour.row(group, GROUND_TRUTH, RECORDED, total) for group, total in truth.items()),
+        ],
     }
 
 
@@ -154,6 +170,11 @@ def _measure_degraded(job: tuple[Recording, int, str, FieldProtocol]) -> tuple[C
 def _measure_attack(job: tuple[Recording, int, str, str, FieldProtocol]) -> AttackScore:
     recording, run, name, onset, protocol = job
     attacked = misbehaviour.attack(recording, name, onset, protocol.seed, run)
+    return misbehaviour.score(attacked, detect(attacked.recording, protocol.budget_per_hour))
+
+
+def _measure_labelled(job: tuple[Attacked, FieldProtocol]) -> AttackScore:
+    attacked, protocol = job
     return misbehaviour.score(attacked, detect(attacked.recording, protocol.budget_per_hour))
 
 

@@ -10,15 +10,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from headway_loadtest.evaluate.field.attacks import ATTACKS, CATCH, CATCH_FALSE_POSITIVE_RATE, Context
 from headway_loadtest.evaluate.field.detection import Detection
-from headway_loadtest.evaluate.field.recordings import Recording, Records
+from headway_loadtest.evaluate.field.recordings import Bools, Recording, Records
 from headway_loadtest.evaluate.field.score import MISS, Sums, ratio
 from headway_loadtest.sources.drive import I64
 
-Bools = NDArray[np.bool_]
 ATTACKER_SHARE = 0.2
 """As in VeReMi-NextGen; at least one vehicle attacks."""
 LEAST_MESSAGES = 100
@@ -95,6 +93,14 @@ def attack(recording: Recording, name: str, onset: str, seed: int, run: int) -> 
         run=recording.run,
     )
     return Attacked(made, malicious[order], honest[order], owner)
+
+
+def of_ground_truth(recording: Recording, malicious: Bools) -> Attacked:
+    """Return a recording with the attackers that its data set names; each id is a vehicle of its own."""
+    attackers = np.unique(recording.messages["vehicle"][malicious])
+    honest = ~np.isin(recording.messages["vehicle"], attackers)
+    names = [recording.vehicles[which] for which in attackers.tolist()]
+    return Attacked(recording, malicious, honest, dict(zip(names, names, strict=True)))
 
 
 def _recounted(messages: Records) -> Records:

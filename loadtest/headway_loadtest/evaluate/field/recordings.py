@@ -5,10 +5,11 @@ Records of one `Recording` meet each other on the road; those of two never do.
 
 import gzip
 import json
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import polars as pl
@@ -20,6 +21,7 @@ from headway_loadtest.sources.road import displace
 from headway_schemas.keys import sanitise_id
 
 Records = NDArray[np.void]
+Bools = NDArray[np.bool_]
 MESSAGE = np.dtype(
     [
         ("vehicle", "i8"),  # index into `Recording.vehicles`
@@ -49,8 +51,16 @@ OPTIONAL = ("heading_deg", "accel_mps2", "accuracy_m", "length_m")
 JSON_ENDINGS = (".jsonl", ".jsonl.gz", ".ndjson")
 
 
-Row = tuple[str, Mapping[str, Any]]
-"""The name of a drive, and a record of BSM v1."""
+class Row(NamedTuple):
+    """A record of BSM v1, or what the ground truth of a data set says of one, or both."""
+
+    drive: str
+    record: Mapping[str, Any]
+    """Empty where the row is ground truth only."""
+    message: str | None = None
+    """Name of the message in the ground truth."""
+    is_attack: bool | None = None
+    """None: unknown, or another row tells it."""
 
 
 class Reader(Protocol):
@@ -60,7 +70,7 @@ class Reader(Protocol):
         """Whether the file is one."""
 
     def rows(self, path: Path) -> Iterable[Row]:
-        """Yield its records; raises `SourceError`."""
+        """Yield its rows; raises `SourceError`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -279,21 +289,20 @@ def counted(messages: Records) -> I64:
     return counts
 
 
-def load_recorded(path: Path, reader: Reader) -> Iterator[Recording]:
-    """Yield a recording for each drive of a file.
+@dataclass(slots=True)
+class _Drive:
+    file: Path
+    vehicles: dict[str, int] = field(default_factory=dict)
+    rows: list[tuple[Any, ...]] = field(default_factory=list)
+    messages: list[str | None] = field(default_factory=list)
+    """Name of each row's message in the ground truth."""
 
-    Raises
-    ------
-    SourceError
-        The file cannot be read.
-    """
-    drives: dict[str, tuple[dict[str, int], list[tuple[Any, ...]]]] = {}
-    for drive, record in reader.rows(path):
-        index, rows = drives.setdefault(drive, ({}, []))
-        t_us = record["t_us"]
-        rows.append(
+    def add(self, row: Row) -> None:
+        record, t_us = row.record, row.record["t_us"]
+        self.messages.append(row.message)
+        self.rows.append(
             (
-                index.setdefault(record["id"], len(index)),
+                self.vehicles.setdefault(record["id"], len(self.vehicles)),
                 record["msg_cnt"],
                 t_us,
                 record.get("received_us") or t_us + DELAY_US,
@@ -301,10 +310,40 @@ def load_recorded(path: Path, reader: Reader) -> Iterator[Recording]:
                 *(np.nan if record.get(name) is None else record[name] for name in OPTIONAL),
             )
         )
+
+
+def load_recorded(files: Sequence[Path], reader: Reader) -> Iterator[tuple[Recording, Bools | None]]:
+    """Yield a recording for each drive, and (n,) which of its messages are attacks; None without ground truth.
+
+    Ground truth may be in another file of the same folder.
+
+    Raises
+    ------
+    SourceError
+        A file cannot be read, or there is no record in any.
+    """
+    drives: dict[tuple[Path, str], _Drive] = {}
+    attacks: dict[tuple[Path, str | None], bool] = {}
+    for file in files:
+        for row in reader.rows(file):
+            if row.is_attack is not None:
+                attacks[file.parent, row.message] = row.is_attack
+            if row.record:
+                drives.setdefault((file, row.drive), _Drive(file)).add(row)
     if not drives:
-        raise SourceError(f"{path}: no records in it")
-    for number, (index, rows) in enumerate(drives.values()):
-        name = path.stem if len(drives) == 1 else f"{path.stem}-{number}"
-        messages = np.array(rows, MESSAGE)
-        bare = Recording(group=path.resolve().parent.name, name=name, vehicles=tuple(index), messages=messages)
-        yield assemble(bare, [messages])
+        raise SourceError(f"{', '.join(map(str, files))}: no records in it")
+    of_file = Counter(drive.file for drive in drives.values())
+    for number, drive in enumerate(drives.values()):
+        name = drive.file.stem if of_file[drive.file] == 1 else f"{drive.file.stem}-{number}"
+        messages = np.array(drive.rows, MESSAGE)
+        order = by_reception(messages)
+        known = [attacks.get((drive.file.parent, message)) for message in drive.messages]
+        yield (
+            Recording(
+                group=drive.file.resolve().parent.name,
+                name=name,
+                vehicles=tuple(drive.vehicles),
+                messages=messages[order],
+            ),
+            None if set(known) == {None} else np.array([one is True for one in known])[order],
+        )

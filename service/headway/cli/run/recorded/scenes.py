@@ -10,7 +10,7 @@ from rich.console import Console
 
 from headway.cli.run.recorded.refusals import Reading, Refusals
 from headway.feeds.refusal import MALFORMED, UNAVAILABLE, Refusal
-from headway.gateways.recordings.formats import AUTO, BSM, open_recordings, recognised
+from headway.gateways.recordings.formats import AUTO, Located, open_recordings, recognised
 from headway.gateways.recordings.reader import RecordingError
 from headway_loadtest.sources import SourceError, sumo
 from headway_schemas.bsm import NEEDED
@@ -56,6 +56,10 @@ class RecordedRows:
 
     def __call__(self) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the records from the beginning."""
+        return ((located.drive, located.record) for located in self.located() if located.record)
+
+    def located(self) -> Iterator[Located]:
+        """Yield the records from the beginning, and rows of ground truth."""
         refusals = Refusals()
         try:
             with open_recordings(self.reading.sources, self.reading.form, self.reading.columns) as recordings:
@@ -64,8 +68,8 @@ class RecordedRows:
                         refusals.add(located, *located.refusal)
                     elif located.record and (problem := _problem(located.record)) is not None:
                         refusals.add(located, *problem)
-                    elif located.record:
-                        yield located.drive, located.record
+                    else:
+                        yield located
         except RecordingError as error:
             raise SourceError(str(error)) from None
         if not self.shown:
@@ -84,21 +88,6 @@ def _problem(record: dict[str, Any]) -> Refusal | None:
     elif type(record["t_us"]) is not int or not 0 <= record["t_us"] <= T_US_MAX:
         wrong = "t_us"
     return None if wrong is None else Refusal(MALFORMED, f"{wrong}: not a value of its kind")
-
-
-class FieldReader:
-    """Recordings of other systems, for `headway evaluate field`; its own formats it reads itself."""
-
-    def recognises(self, path: Path) -> bool:
-        """Whether the first bytes tell such a recording; a file that cannot be opened is none."""
-        try:
-            return recognised(str(path)) not in (None, BSM, "gnss")
-        except RecordingError:
-            return False
-
-    def rows(self, path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
-        """Yield the records; raises `SourceError`."""
-        return RecordedRows(Reading([str(path)]))()
 
 
 def simulated(reading: Reading, seconds: float, seed: int, folder: Path, console: Console) -> Reading:
