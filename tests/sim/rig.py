@@ -1,6 +1,6 @@
 """A service loop with all that it uses: a fake clock, a bus in memory, and any detector."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -38,9 +38,9 @@ class Rig:
     rejected_rate_hz: float = 3.0
     state_dir: Path | None = None
     identity: Identity = IDENTITY
+    clock: FakeClock = field(default_factory=FakeClock)
 
     def __post_init__(self) -> None:
-        self.clock = FakeClock()
         self.health = HealthState(self.clock, warm=True)
         self.ledger, self.latencies = Ledger(), Latencies()
         self.codec = Codec(KEYS)

@@ -5,6 +5,7 @@ import heapq
 import json
 import math
 from collections import Counter
+from collections.abc import Iterator
 from itertools import count
 from typing import Any
 
@@ -61,17 +62,25 @@ class SimWorld:
 
     def iterate_until_silent(self) -> None:
         """Deliver what is due before each turn."""
-        clock, bus = self.rig.clock, self.rig.bus
-        while self._air or bus.waiting:
-            now_s = clock.monotonic_ns() / 1e9
-            while self._air and self._air[0][0] <= now_s:
-                _, _, received, records, reason = heapq.heappop(self._air)
-                bus.deliver(received._replace(received_us=clock.local_us(), received_ns=clock.monotonic_ns()))
+        clock = self.rig.clock
+        while self._air or self.rig.bus.waiting:
+            for received, records, reason in self.due():
+                self.rig.bus.deliver(received._replace(received_us=clock.local_us(), received_ns=clock.monotonic_ns()))
                 self.records += records
                 if reason is not None:
                     self.spoilt[reason] += records
-            self.rig.loop.iterate()
+            self.iterate()
             clock.sleep(ITERATION_S)
+
+    def due(self) -> Iterator[tuple[ReceivedMessage, int, Outcome | None]]:
+        """Yield what arrives by now: a message, its records, and why they cannot be read."""
+        while self._air and self._air[0][0] <= self.rig.clock.monotonic_ns() / 1e9:
+            _, _, received, records, reason = heapq.heappop(self._air)
+            yield received, records, reason
+
+    def iterate(self) -> None:
+        """Iterate once."""
+        self.rig.loop.iterate()
 
     def digest(self) -> str:
         """All that the service published and counted, without what health reports say about the machine."""

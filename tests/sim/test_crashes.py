@@ -1,0 +1,68 @@
+"""The disk fails and the process is killed at seeded moments: what was found is published, ended and written."""
+
+from pathlib import Path
+
+import pytest
+from sim.crashing_world import CrashingWorld
+
+from headway.edge.storage import journal_query
+from headway.edge.storage.journal_format import Reason
+from headway.edge.storage.persistence import JOURNAL_FILE
+from headway_schemas.event import Event
+from headway_schemas.query import LIMIT_MAX, AlertsQuery
+
+SECONDS, VEHICLES, FORGOTTEN_S = 40.0, 8, 45.0
+
+
+def lived(seed: int, folder: Path, monkeypatch: pytest.MonkeyPatch, **faults: float) -> CrashingWorld:
+    """Return a world after some driving, and after all vehicles have left."""
+    world = CrashingWorld(seed, folder, monkeypatch, **faults)
+    world.drive(VEHICLES, SECONDS)
+    for _ in range(round(FORGOTTEN_S / 0.1)):
+        world.rig.clock.sleep(0.1)
+        world.rig.loop.iterate()
+    world.stop()
+    return world
+
+
+def written(folder: Path) -> list[Event]:
+    stored = journal_query.page(folder / JOURNAL_FILE, AlertsQuery(limit=LIMIT_MAX))
+    return [Event.model_validate_json(one) for one in stored]
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_a_killed_process_found_is_published_and_ended(seed: int, tmp_path: Path, monkeypatch) -> None:
+    world = lived(seed, tmp_path, monkeypatch, crashes=0.15)
+    assert world.crashes >= 3
+    assert world.outcomes.total() == world.records
+    phases = {phase: {a["event_id"] for a in world.alerts if a["phase"] == phase} for phase in ("onset", "cleared")}
+    assert len(phases["onset"]) > 10
+    assert phases["onset"] <= phases["cleared"]
+    updates = {(a["sequence"], a["event_id"], a["phase"], a["detected_us"]) for a in world.alerts}
+    assert len({number for number, *_ in updates}) == len(updates), "one number for two updates"
+    assert {event.sequence for event in written(tmp_path)} <= {number for number, *_ in updates}
+
+
+def test_what_a_full_disk_refuses_is_published_and_counted(tmp_path: Path, monkeypatch) -> None:
+    world = lived(1, tmp_path, monkeypatch, disk_faults=0.3)
+    writer, snapshots = world.rig.persistence.journal_writer, world.rig.persistence.snapshots
+    published = [alert["sequence"] for alert in world.alerts]
+    assert published == list(range(1, len(published) + 1))
+    assert writer.failed[Reason.DISK_FULL] == len(published) - writer.written > 0
+    assert snapshots.failed > 0
+    assert snapshots.written > 0
+    assert (writer.trouble, snapshots.trouble) == (None, None), "it works again"
+
+
+@pytest.mark.parametrize("seed", range(3, 6))
+def test_both_at_once_stop_nothing_and_are_the_same_each_time(seed: int, tmp_path: Path, monkeypatch) -> None:
+    worlds = []
+    for run in ("first", "second"):
+        with monkeypatch.context() as patch:
+            worlds.append(lived(seed, tmp_path / run, patch, crashes=0.15, disk_faults=0.2))
+    first, second = worlds
+    assert first.crashes
+    assert first.outcomes.total() == first.records
+    assert first.alerts == second.alerts
+    assert first.outcomes == second.outcomes
+    assert (first.crashes, first.torn, first.unheard) == (second.crashes, second.torn, second.unheard)
