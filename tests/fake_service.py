@@ -2,6 +2,7 @@
 
 import math
 import socket
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ import zenoh
 from headway.client import Connection, History, Message, SiteMessage
 from headway_schemas import Event, Evidence, Health, Innovation, Keys, Kind, PairState, Phase, Recovered, Sensor
 from headway_schemas.event import Stage
+from headway_schemas.handling import HANDLINGS, Handling, HandlingRequest
 from headway_schemas.query import EVENTS, AlertsQuery
 from headway_schemas.state import Standing
 
@@ -168,6 +170,7 @@ class Service:
     session: zenoh.Session
     keys: Keys
     journal: list[Event] = field(default_factory=list)
+    handled: list[Handling] = field(default_factory=list)
 
     def publish(self, *messages: Event | PairState | Health) -> None:
         """Put messages where the service puts them; events go to the journal first."""
@@ -187,6 +190,17 @@ class Service:
         with query:
             queries = AlertsQuery.from_parameters(dict(iter(query.parameters)))
             query.reply(self.keys.alerts, EVENTS.dump_json(found(self.journal, queries)))
+
+    def handle(self, query: zenoh.Query) -> None:
+        """Store and publish how a vehicle is handled, or list it."""
+        with query:
+            handled = self.handled
+            if query.payload is not None:
+                request = HandlingRequest.model_validate_json(query.payload.to_bytes())
+                handled = [as_stored(self.keys.site, request)]
+                self.handled += handled
+                self.session.put(self.keys.handled(request.vehicle), handled[0].model_dump_json())
+            query.reply(self.keys.handling, HANDLINGS.dump_json(handled))
 
 
 def found(journal: list[Event], queries: AlertsQuery) -> list[Event]:
@@ -212,6 +226,11 @@ def found(journal: list[Event], queries: AlertsQuery) -> list[Event]:
     return kept if queries.evidence else [e.model_copy(update={"evidence": None}) for e in kept]
 
 
+def as_stored(site: str, request: HandlingRequest) -> Handling:
+    """Return a handling as the service stores it."""
+    return Handling(**request.model_dump(), site=site, t_us=time.time_ns() // 1000)
+
+
 class FakeFeed:
     """A feed without a bus: what is put into `heard` is what comes next."""
 
@@ -219,6 +238,7 @@ class FakeFeed:
         self.received: list[SiteMessage] = []
         self.journal = journal
         self.queries: list[AlertsQuery] = []
+        self.handled: list[Handling] = []
         self.connection = Connection(connected=True, connections=1, dropped=0, unreadable=0)
         self.started = self.closed = False
 
@@ -236,6 +256,15 @@ class FakeFeed:
         self.queries.append(query)
         events = [e for e in found(self.journal or [], query) if e.site in sites]
         return History(events, answers=0 if self.journal is None else len(sites))
+
+    def handlings(self, sites: Sequence[str]) -> list[Handling]:
+        return [one for one in self.handled if one.site in sites]
+
+    def handle(self, site: str, request: HandlingRequest) -> Handling | str:
+        if self.journal is None:
+            return "no journal"
+        self.handled.append(as_stored(site, request))
+        return self.handled[-1]
 
     def close(self) -> None:
         self.closed = True
@@ -264,4 +293,5 @@ def service(endpoint: str, journal: list[Event] | None = None, site: str = "loca
     with bus("peer", listen=endpoint) as session:
         running = Service(session, Keys("v2x", site), [] if journal is None else journal)
         session.declare_queryable(running.keys.alerts, running.answer)
+        session.declare_queryable(running.keys.handling, running.handle)
         yield running

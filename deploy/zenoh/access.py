@@ -18,8 +18,15 @@ from typing import Any
 NAME = re.compile("[A-Za-z0-9_.~-]{1,64}")
 PLACE = re.compile('"@(cert_common_names|usernames)@"')
 
-PUBLISHED = ["{site}/alert/*/*", "{site}/pair/*/state", "{site}/quality/*", "{site}/rejected/*", "{site}/health/*"]
-ASKED = ["{site}/alerts", "{site}/pairs"]
+PUBLISHED = [
+    "{site}/alert/*/*",
+    "{site}/pair/*/state",
+    "{site}/quality/*",
+    "{site}/rejected/*",
+    "{site}/handling/*",
+    "{site}/health/*",
+]
+ASKED = ["{site}/alerts", "{site}/pairs", "{site}/handling"]
 ALIVE = ["{prefix}/@headway/*"]
 
 # Flow, as the router sees it; messages; keys.

@@ -15,6 +15,7 @@ from pydantic import BaseModel
 from headway_schemas import encodings
 from headway_schemas.bsm import NEEDED, Bsm, Leader
 from headway_schemas.event import Event, Kind
+from headway_schemas.handling import Handling, HandlingRequest
 from headway_schemas.keys import ID_PATTERN, Keys
 from headway_schemas.state import Health, PairState, RejectedCopy, SensorQuality
 
@@ -56,6 +57,9 @@ def _json_schemas() -> dict[str, dict[str, Any]]:
         "events": _list_of("event"),
         "pair_state": _written(PairState),
         "pair_states": _list_of("pair_state"),
+        "handling_request": _read(HandlingRequest),
+        "handling": _written(Handling),
+        "handlings": _list_of("handling"),
         "sensor_quality": _written(SensorQuality),
         "health": _written(Health),
         "rejected": _written(RejectedCopy),
@@ -115,6 +119,9 @@ def _asyncapi() -> dict[str, Any]:
         ),
         "health": _message("Health of one instance", encodings.HEALTH_JSON, "health"),
         "rejected": _message("Copy of a rejected message", encodings.REJECTED_JSON, "rejected"),
+        "handling": _message("How a person handles a vehicle", encodings.HANDLING_JSON, "handling"),
+        "handlings": _message("How people handle vehicles", encodings.HANDLINGS_JSON, "handlings"),
+        "handlingRequest": _message("What a person asks for", encodings.HANDLING_JSON, "handling_request"),
         "query": _QUERY,
     }
     channels = {
@@ -127,6 +134,8 @@ def _asyncapi() -> dict[str, Any]:
         "liveliness": _channel(keys.liveliness("instance")),
         "alerts": _channel(keys.alerts, "query", "events"),
         "pairs": _channel(keys.pairs, "query", "pairStates"),
+        "handled": _channel(keys.handled("vehicle"), "handling"),
+        "handling": _channel(keys.handling, "query", "handlingRequest", "handlings"),
     }
     return {
         "asyncapi": "3.0.0",
@@ -144,9 +153,11 @@ def _asyncapi() -> dict[str, Any]:
             "publishSensorQuality": _operation("send", "quality", channels),
             "publishRejected": _operation("send", "rejected", channels),
             "publishHealth": _operation("send", "health", channels),
+            "publishHandling": _operation("send", "handled", channels),
             "declareLiveliness": _operation("send", "liveliness", channels),
             "answerAlerts": _answer("alerts", "events"),
             "answerPairs": _answer("pairs", "pairStates"),
+            "answerHandling": _answer("handling", "handlings", "handlingRequest"),
         },
         "components": {"messages": messages},
     }
@@ -177,12 +188,12 @@ def _operation(action: str, channel: str, channels: dict[str, Any]) -> dict[str,
     }
 
 
-def _answer(channel: str, reply: str) -> dict[str, Any]:
+def _answer(channel: str, reply: str, *requests: str) -> dict[str, Any]:
     at = f"#/channels/{channel}"
     return {
         "action": "receive",
         "channel": {"$ref": at},
-        "messages": [{"$ref": f"{at}/messages/query"}],
+        "messages": [{"$ref": f"{at}/messages/{name}"} for name in ("query", *requests)],
         "reply": {"channel": {"$ref": at}, "messages": [{"$ref": f"{at}/messages/{reply}"}]},
     }
 

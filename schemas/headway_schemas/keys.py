@@ -79,6 +79,10 @@ class Keys:
         """Where the quality of this vehicle's sensors is put."""
         return self._under("quality", vehicle)
 
+    def handled(self, vehicle: str) -> str:
+        """Where it is put how people handle this vehicle."""
+        return self._under("handling", vehicle)
+
     def rejected(self, reason: str) -> str:
         """Where copies of messages rejected for `reason` are put."""
         return self._under("rejected", reason)
@@ -113,6 +117,11 @@ class Keys:
         return f"{self.prefix}/{self.site}/quality/*"
 
     @property
+    def every_handled(self) -> str:
+        """Subscription to how people handle vehicles."""
+        return f"{self.prefix}/{self.site}/handling/*"
+
+    @property
     def every_rejected(self) -> str:
         """Subscription to every rejected copy of the site."""
         return f"{self.prefix}/{self.site}/rejected/*"
@@ -131,6 +140,11 @@ class Keys:
     def alerts(self) -> str:
         """Queryable: the history of events, by time and kind."""
         return f"{self.prefix}/{self.site}/alerts"
+
+    @property
+    def handling(self) -> str:
+        """Queryable: how people handle vehicles, and requests to do so."""
+        return f"{self.prefix}/{self.site}/handling"
 
     @property
     def pairs(self) -> str:

@@ -4,31 +4,31 @@
 """
 
 import contextlib
-import json
 import threading
 import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, TypeAlias
+from typing import Final, NamedTuple, Protocol, TypeAlias
 
 import zenoh
 from pydantic import ValidationError
 
-from headway.errors import UserError, zenoh_reason
+from headway.bus_options import client_configuration
+from headway.errors import UserError
 from headway_schemas import Event, Health, Keys, PairState, RejectedCopy, SensorQuality
+from headway_schemas.handling import HANDLINGS, Handling, HandlingRequest
 from headway_schemas.query import EVENTS, LIMIT_MAX, AlertsQuery
 from headway_schemas.sequence import SequenceGaps
 
-Message: TypeAlias = Event | PairState | Health | RejectedCopy | SensorQuality
+Message: TypeAlias = Event | PairState | Health | RejectedCopy | SensorQuality | Handling
 
 BUFFER_LIMIT: Final = 50_000
 """Most messages that wait on one channel of a site; beyond it the oldest is dropped and counted."""
 DEFAULT_ENDPOINT: Final = "tcp/127.0.0.1:7447"
 DEFAULT_SITE: Final = "local"
 _POLL_S: Final = 0.02
-_OPEN_TIMEOUT_MS: Final = 2_000
 _RETRY_S: Final = 1.0
 _QUERY_TIMEOUT_S: Final = 5.0
 
@@ -74,6 +74,12 @@ class Feed(Protocol):
 
     def history(self, sites: Sequence[str], query: AlertsQuery) -> History:
         """Query the journals of these sites; blocks for at most some seconds."""
+
+    def handlings(self, sites: Sequence[str]) -> list[Handling]:
+        """Query how people handle the vehicles of these sites; blocks for at most some seconds."""
+
+    def handle(self, site: str, request: HandlingRequest) -> Handling | str:
+        """Ask for a handling; return it as stored, or the reason why it is not. Blocks as `history` does."""
 
     @property
     def connection(self) -> Connection:
@@ -219,7 +225,7 @@ class BusFeed:
         *,
         prefix: str = "v2x",
         zenoh_config: Path | None = None,
-        messages: Sequence[type[Message]] = (Event, Health, PairState, RejectedCopy, SensorQuality),
+        messages: Sequence[type[Message]] = (Event, Health, PairState, RejectedCopy, SensorQuality, Handling),
         buffer_limit: int = BUFFER_LIMIT,
     ) -> None:
         try:
@@ -228,7 +234,7 @@ class BusFeed:
             raise UserError(str(error)) from None
         if not self._keys:
             raise UserError("no site: name at least one with --site")
-        self._config = _configuration(connect, zenoh_config)
+        self._config = client_configuration(connect, zenoh_config)
         self._buffers: list[tuple[str, _Buffer]] = [
             (expression, _Buffer(site, model, buffer_limit))
             for site, keys in self._keys.items()
@@ -238,6 +244,7 @@ class BusFeed:
                 (keys.every_pair_state, PairState),
                 (keys.every_rejected, RejectedCopy),
                 (keys.every_quality, SensorQuality),
+                (keys.every_handled, Handling),
             )
             if model in messages
         ]
@@ -267,7 +274,7 @@ class BusFeed:
         events: dict[tuple[str, str, str, int], Event] = {}
         answers, problems = 0, []
         for site in sites:
-            for reply in self._query(self._keys[site], query):
+            for reply in self._query(f"{self._keys[site].alerts}?{query.to_parameters()}"):
                 try:
                     answered = EVENTS.validate_json(_payload(reply))
                 except ValueError as error:
@@ -277,6 +284,25 @@ class BusFeed:
                 events |= {(e.site, e.event_id, e.phase, e.detected_us): e for e in answered}
         newest_first = sorted(events.values(), key=lambda event: event.detected_us, reverse=True)
         return History(_page(newest_first, query.limit), answers, tuple(problems))
+
+    def handlings(self, sites: Sequence[str]) -> list[Handling]:
+        """Query how people handle the vehicles of these sites; blocks for at most some seconds."""
+        found = []
+        for site in sites:
+            for reply in self._query(self._keys[site].handling):
+                with contextlib.suppress(ValueError):
+                    found += HANDLINGS.validate_json(_payload(reply))
+        return sorted(found, key=lambda handling: handling.t_us)
+
+    def handle(self, site: str, request: HandlingRequest) -> Handling | str:
+        """Ask for a handling; return it as stored, or the reason why it is not. Blocks as `history` does."""
+        problem = f"no journal of site {site} answers; is its state_dir set?"
+        for reply in self._query(self._keys[site].handling, request.model_dump_json().encode()):
+            try:
+                return HANDLINGS.validate_json(_payload(reply))[0]
+            except ValueError as error:
+                problem = str(error).splitlines()[0]
+        return problem
 
     @property
     def connection(self) -> Connection:
@@ -316,12 +342,13 @@ class BusFeed:
         else:
             self._peers -= 1
 
-    def _query(self, keys: Keys, query: AlertsQuery) -> Iterator[zenoh.Reply]:
+    def _query(self, selector: str, payload: bytes | None = None) -> Iterator[zenoh.Reply]:
         if self._session is None:
             return
-        selector = f"{keys.alerts}?{query.to_parameters()}"
         with contextlib.suppress(zenoh.ZError):
-            yield from self._session.get(selector, timeout=_QUERY_TIMEOUT_S, consolidation=zenoh.ConsolidationMode.NONE)
+            yield from self._session.get(
+                selector, payload=payload, timeout=_QUERY_TIMEOUT_S, consolidation=zenoh.ConsolidationMode.NONE
+            )
 
 
 @contextlib.contextmanager
@@ -331,30 +358,6 @@ def _running(feed: BusFeed) -> Iterator[None]:
         yield
     finally:
         feed.close()
-
-
-def _configuration(connect: Sequence[str], file: Path | None) -> zenoh.Config:
-    try:
-        config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
-        for path, value in _options(connect):
-            config.insert_json5(path, json.dumps(value))
-    except zenoh.ZError as error:
-        raise UserError(f"{file or ', '.join(connect)}: {zenoh_reason(error)}") from None
-    return config
-
-
-def _options(connect: Sequence[str]) -> Iterator[tuple[str, Any]]:
-    # A client takes the first endpoint that answers; a peer reaches each.
-    yield "mode", "peer" if len(connect) > 1 else "client"
-    yield "listen/endpoints", []
-    yield "connect/exit_on_failure", len(connect) <= 1
-    yield "connect/timeout_ms", _OPEN_TIMEOUT_MS
-    yield "connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2}
-    yield "scouting/multicast/enabled", False
-    yield "scouting/gossip/enabled", False
-    yield "transport/shared_memory/enabled", False
-    if connect:
-        yield "connect/endpoints", list(connect)
 
 
 def _read(buffer: _Buffer, payload: bytes) -> Message | None:

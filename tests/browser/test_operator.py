@@ -1,5 +1,6 @@
 """What an operator must see within seconds: whether the road can be trusted, which car cannot, why and since when."""
 
+import csv
 import os
 import threading
 import time
@@ -10,9 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser.devtools import Browser
+from browser.devtools import Browser, chromium
 from browser.serving import alerts, alive, click, dashboard, fill, live, text, texts, visit, wall_us
 from fake_service import Traffic, event, free_port, service
+from sim.until import until
 
 from headway_schemas import Event, Kind, Phase, Sensor
 from headway_schemas.event import Deviation
@@ -227,3 +229,66 @@ def test_pictures_of_what_an_operator_sees(browser: Browser, tmp_path: Path) -> 
         page.until("document.querySelectorAll('#plots svg.plot').length === 3")
         page.screenshot(folder / "blind.png")
     assert (folder / "blind.png").stat().st_size > 10_000
+
+
+def test_a_mute_in_one_browser_is_seen_in_another(page: Browser, origin: str, endpoint: str, tmp_path: Path) -> None:
+    with service(endpoint) as running, alive(running, Traffic(40)):
+        live(page)
+        running.publish(deviating(3, 1.0), deviating(5, 2.0))
+        page.until(f"{ROWS} === 2")
+        click(page, "#vehicles [data-vehicle=veh-0005]")
+        page.until("!document.getElementById('handling').hidden")
+        page.run("document.getElementById('handling').elements.by.value = 'anna'")
+        page.run("document.getElementById('handling').elements.note.value = 'test drive'")
+        click(page, "#handling [value=mute-1h]")
+        page.until(f"{text('handling-note')} === 'Stored.'")
+        with chromium(tmp_path / "another") as other, visit(other, f"{origin}/") as seen:
+            seen.until(f"{text('status')} === '1 car not to be trusted · 1 car muted'")
+            assert texts(seen, "#vehicles .who") == ["veh-0003", "veh-0005"]
+            assert "by anna: test drive" in seen.run(text("vehicles"))
+        click(page, "#handling [value=unmute]")
+        page.until(f"{text('status')} === '2 cars not to be trusted'")
+        click(page, "#handling [value=resolve]")
+        page.until(f"{text('handling-state')} === 'Resolved by anna'")
+        running.publish(deviating(6, 1.5, suspect="veh-0005", follower="veh-0005"))
+        page.until(f"{text('handling-state')} === ''")
+    assert [one.action for one in running.handled] == ["mute", "unmute", "resolve"]
+
+
+def test_a_copied_link_opens_the_same_car_event_and_filter_in_a_fresh_profile(
+    page: Browser, origin: str, endpoint: str, tmp_path: Path
+) -> None:
+    with service(endpoint) as running, alive(running, Traffic(40)):
+        live(page)
+        running.publish(*(deviating(n, 1.0, suspect=f"veh-000{n % 2}", follower=f"veh-000{n % 2}") for n in range(6)))
+        page.until(f"{ROWS} === 2")
+        fill(page, "vehicle", "veh-00")
+        click(page, "#vehicles [data-vehicle=veh-0001]")
+        page.until("document.querySelectorAll('#alerts [data-event]').length === 3")
+        click(page, "#alerts li:last-child button")
+        link, shown, listed = page.run("location.href"), page.run(SHOWN), alerts(page)
+        with chromium(tmp_path / "fresh") as other, visit(other, link) as fresh:
+            fresh.until(f"{SHOWN} === '{shown}'")
+            fresh.until("document.querySelectorAll('#plots svg.plot').length === 3")
+            assert alerts(fresh) == listed
+            assert fresh.run("document.getElementById('filter').elements.vehicle.value") == "veh-00"
+            assert fresh.run(HIGHLIGHTED) == shown
+            fresh.until("document.querySelectorAll('#history tr').length === 6")
+
+
+def test_a_file_has_the_rows_that_are_shown(page: Browser, endpoint: str, tmp_path: Path) -> None:
+    page.call("Browser.setDownloadBehavior", behavior="allow", downloadPath=str(tmp_path), eventsEnabled=False)
+    with service(endpoint) as running, alive(running, Traffic(40)):
+        live(page)
+        running.publish(*(deviating(n, 1.0 + n) for n in range(90)))
+        page.until(f"{ROWS} === 50")
+        page.until("document.querySelectorAll('#history tr').length === 90")
+        for name, rows in (("vehicles", "#vehicles li"), ("alerts", "#alerts li"), ("history", "#history tr")):
+            click(page, f"#{name}-csv")
+            file = tmp_path / f"{name}.csv"
+            until(file.exists)
+            with file.open(newline="") as lines:
+                read = list(csv.DictReader(lines))
+            assert len(read) == page.run(f"document.querySelectorAll('{rows}').length")
+        assert read[0]["suspect"] == "veh-0089"
+        assert float(read[0]["deviation_m"]) == 90.0

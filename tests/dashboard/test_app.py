@@ -1,3 +1,5 @@
+import json
+
 import pytest
 from dashboard.pageclient import PageClient
 from fake_service import START_US, FakeFeed, event
@@ -84,3 +86,43 @@ def test_a_last_event_id_of_any_length_and_form_is_taken(last: str) -> None:
     broadcaster.closed = True
     headers = {"last-event-id": last.encode()}
     assert PageClient(create_app(broadcaster)).get("/stream", headers=headers).status_code == 200
+
+
+MUTE = {"site": "local", "vehicle": "veh-0001", "action": "mute", "by": "anna"}
+
+
+def test_a_handling_is_asked_of_the_service_and_shown_to_all() -> None:
+    feed = FakeFeed([])
+    broadcaster = Broadcaster(feed, ["local"])
+    client = PageClient(create_app(broadcaster))
+    answer = client.ask("POST", "/handling", json=MUTE)
+    assert (answer.status_code, answer.json()["by"], len(feed.handled)) == (200, "anna", 1)
+    broadcaster.refresh()
+    frame = json.loads(broadcaster.frame(0).decode().partition("data: ")[2])
+    assert [(one["vehicle"], one["action"]) for one in frame["handlings"]] == [("veh-0001", "mute")]
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [({"action": "delete"}, "action"), ({"site": "elsewhere"}, "site"), ({"by": ""}, "by"), ({"colour": 1}, "colour")],
+)
+def test_a_handling_that_makes_no_sense_is_named(changes: dict[str, object], named: str) -> None:
+    client = PageClient(create_app(Broadcaster(FakeFeed([]), ["local"])))
+    answer = client.ask("POST", "/handling", json=MUTE | changes)
+    assert (answer.status_code, answer.text.partition(":")[0]) == (400, named)
+
+
+def test_a_handling_that_no_service_stores_says_why() -> None:
+    client = PageClient(create_app(Broadcaster(FakeFeed(), ["local"])))
+    answer = client.ask("POST", "/handling", json=MUTE)
+    assert (answer.status_code, answer.text) == (503, "no journal\n")
+
+
+def test_a_handling_comes_from_the_page_itself_as_json_of_bounded_size() -> None:
+    feed = FakeFeed([])
+    client = PageClient(create_app(Broadcaster(feed, ["local"])))
+    assert client.ask("POST", "/handling", json=MUTE, headers={"Origin": "http://evil.example"}).status_code == 421
+    assert client.ask("POST", "/handling", content=json.dumps(MUTE)).status_code == 415
+    assert client.ask("POST", "/handling", json=MUTE | {"note": "x" * 5_000}).status_code == 413
+    assert client.ask("POST", "/", json=MUTE).status_code == 405
+    assert feed.handled == []

@@ -129,6 +129,8 @@ def test_every_topic_is_told_with_its_encoding() -> None:
         keys.every_quality.replace("*", "<vehicle>"): encodings.SENSOR_QUALITY_JSON,
         keys.every_rejected.replace("*", "<reason>"): encodings.REJECTED_JSON,
         keys.every_health.replace("*", "<instance>"): encodings.HEALTH_JSON,
+        keys.every_handled.replace("*", "<vehicle>"): encodings.HANDLING_JSON,
+        keys.handling: encodings.HANDLINGS_JSON,
         keys.alerts: encodings.EVENTS_JSON,
         keys.pairs: encodings.PAIR_STATES_JSON,
         keys.every_liveliness.replace("*", "<instance>"): "",

@@ -16,6 +16,7 @@ PUT = {
     KEYS.pair_state("a"): SERVICE,
     KEYS.quality("a"): SERVICE,
     KEYS.rejected("malformed"): SERVICE,
+    KEYS.handled("a"): SERVICE,
     KEYS.health(SERVICE): SERVICE,
     KEYS.health("another"): None,
 }
@@ -27,6 +28,7 @@ SUBSCRIBE = {
     KEYS.every_pair_state: (KEYS.pair_state("a"), {DASHBOARD}),
     KEYS.every_quality: (KEYS.quality("a"), {DASHBOARD}),
     KEYS.every_rejected: (KEYS.rejected("malformed"), {DASHBOARD}),
+    KEYS.every_handled: (KEYS.handled("a"), {DASHBOARD}),
     KEYS.every_health: (KEYS.health(SERVICE), {DASHBOARD, SERVICE}),
 }
 """A key that matches each expression, and who may subscribe to it."""
@@ -86,7 +88,7 @@ def test_who_may_subscribe(bus: Members, received: list) -> None:  # noqa: F811
     assert {(role, key) for role, key, _ in received} == wanted
 
 
-@pytest.mark.parametrize("key", [KEYS.alerts, KEYS.pairs])
+@pytest.mark.parametrize("key", [KEYS.alerts, KEYS.pairs, KEYS.handling])
 def test_who_may_ask(bus: Members, key: str) -> None:  # noqa: F811
     def answer(query: zenoh.Query) -> None:
         query.reply(key, b"[]")

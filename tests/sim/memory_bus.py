@@ -15,6 +15,7 @@ class MemoryQuery:
     parameters: dict[str, str] = field(default_factory=dict)
     answers: list[bytes] = field(default_factory=list)
     refusals: list[str] = field(default_factory=list)
+    payload: bytes = b""
 
     def answer(self, payload: bytes, _encoding: str) -> None:
         self.answers.append(payload)

@@ -17,6 +17,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from headway.errors import UserError
 
 TOKEN_LENGTH_MIN: Final = 16
+WRITABLE: Final = "/handling"
+"""The one path that takes POST."""
 COOKIE: Final = "headway_dashboard"
 _HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -86,7 +88,7 @@ class AccessControl:
         headers, query = Headers(scope=scope), QueryParams(scope["query_string"])
         if not (self._is_known(headers.get("host", "")) and _is_same_origin(headers)):
             return PlainTextResponse("unknown host name: start the dashboard with --name for it\n", 421)
-        if scope["method"] not in {"GET", "HEAD"}:
+        if scope["method"] not in {"GET", "HEAD"} and (scope["method"], scope["path"]) != ("POST", WRITABLE):
             return PlainTextResponse("only GET\n", 405, {"Allow": "GET, HEAD"})
         if self._token is None:
             return None

@@ -14,11 +14,13 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
-from headway.dashboard.access import AccessControl
+from headway.dashboard.access import WRITABLE, AccessControl
 from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.sse import EventStream
 from headway.dashboard.view_state import Row, update_row
 from headway_schemas import Event
+from headway_schemas.fields import Id
+from headway_schemas.handling import HandlingRequest
 from headway_schemas.query import AlertsQuery
 
 VIEWER_LIMIT: Final = 64
@@ -29,6 +31,7 @@ _SHOWN_IN_FULL: Final = {"evidence": {"checkpoint", "parameters", "messages"}}
 _SHOWN_BRIEFLY: Final = {"evidence"}
 _REVISION_DIGITS: Final = 20
 _EVENT_ID: Final = re.compile(r"[A-Za-z0-9_.~-]{1,128}")
+_REQUEST_BYTES_MAX: Final = 4_096
 _STATIC: Final = Path(__file__).with_name("static")
 
 
@@ -43,6 +46,7 @@ def create_app(
             Route("/stream", page.stream),
             Route("/history", page.history),
             Route("/event/{event_id}", page.event),
+            Route(WRITABLE, page.handle, methods=["POST"]),
             Mount("/static", StaticFiles(directory=_STATIC)),
         ],
         middleware=[Middleware(AccessControl, host=host, token=token, names=names)],
@@ -109,6 +113,31 @@ class _Page:
                 for event, brief in zip(updates, _brief(len(updates)), strict=True)
             ]
         )
+
+    async def handle(self, request: Request) -> Response:
+        """Take a handling: JSON of a `HandlingRequest` with the `site`."""
+        if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+            return PlainTextResponse("content type: application/json\n", 415)
+        body = b""
+        async for chunk in request.stream():
+            body += chunk
+            if len(body) > _REQUEST_BYTES_MAX:
+                return PlainTextResponse(f"at most {_REQUEST_BYTES_MAX} bytes\n", 413)
+        try:
+            asked = _SiteRequest.model_validate_json(body)
+        except ValidationError as error:
+            problem = error.errors(include_url=False)[0]
+            return PlainTextResponse(f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}\n", 400)
+        if asked.site not in self._broadcaster.sites:
+            return PlainTextResponse(f"site: one of {', '.join(self._broadcaster.sites)}\n", 400)
+        answer = await self._broadcaster.handle(asked.site, HandlingRequest(**asked.model_dump(exclude={"site"})))
+        if isinstance(answer, str):
+            return PlainTextResponse(answer + "\n", 503)
+        return JSONResponse(answer.model_dump(mode="json"))
+
+
+class _SiteRequest(HandlingRequest):
+    site: Id
 
 
 def _brief(updates: int) -> list[bool]:

@@ -11,6 +11,7 @@ from headway.client import Feed, History
 from headway.dashboard.event_summary import EventSummary
 from headway.dashboard.view_state import ViewState
 from headway_schemas import Event, Phase
+from headway_schemas.handling import Handling, HandlingRequest
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
 REFRESH_S: Final = 0.2
@@ -89,6 +90,13 @@ class Broadcaster:
         """Query the journals without holding up a refresh."""
         return await asyncio.to_thread(self._feed.history, sites, query)
 
+    async def handle(self, site: str, request: HandlingRequest) -> Handling | str:
+        """Ask the site for a handling; return it as stored, or the reason why it is not."""
+        answer = await asyncio.to_thread(self._feed.handle, site, request)
+        if isinstance(answer, Handling):
+            self._view_state.apply_handling(answer, self.revision + 1)
+        return answer
+
     def summary(self, event: Event) -> EventSummary:
         """Return what is known of the event of an update."""
         known = self._view_state.events.get((event.site, event.event_id))
@@ -113,6 +121,8 @@ class Broadcaster:
                 history = await self.history(self.sites, _CATCH_UP)
                 for event in reversed(history.events):
                     self._view_state.apply_event(event, self.revision + 1)
+                for handling in await asyncio.to_thread(self._feed.handlings, self.sites):
+                    self._view_state.apply_handling(handling, self.revision + 1)
                 if history.answers:
                     fetched, attempt = due, 0
                 else:

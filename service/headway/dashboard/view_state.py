@@ -11,6 +11,7 @@ from typing import Any, Final, Generic, TypeAlias, TypeVar
 from headway.client import SiteMessage
 from headway.dashboard.event_summary import EventSummary
 from headway_schemas import Event, Health, PairState, RejectedCopy, SensorQuality
+from headway_schemas.handling import Action, Handling
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 from headway_schemas.sequence import SequenceGaps
 
@@ -92,6 +93,8 @@ class ViewState:
         """By site and event id."""
         self.qualities: Table[tuple[str, str], Row] = Table(PAIR_LIMIT)
         """By site and vehicle."""
+        self.handlings: Table[tuple[str, str, bool], Handling] = Table(PAIR_LIMIT)
+        """The newest decision and the newest note (True) by site and vehicle."""
         self.instances: Table[tuple[str, str], Row] = Table(INSTANCE_LIMIT)
         self.copies: Table[int, Row] = Table(COPY_LIMIT)
         self.instance_starts = 0
@@ -116,6 +119,8 @@ class ViewState:
                 self._apply_health(health, revision)
             case SensorQuality() as quality:
                 self.qualities.put((quality.site, quality.vehicle), quality.model_dump(mode="json"), revision)
+            case Handling() as handling:
+                self.apply_handling(handling, revision)
             case RejectedCopy() as copy:
                 self._copies_received += 1
                 self.copies.put(self._copies_received, copy_row(received.site, copy), revision)
@@ -128,6 +133,13 @@ class ViewState:
             self.updates.put(key, event, revision)
         if known is None:
             self._summarise(event, revision)
+
+    def apply_handling(self, handling: Handling, revision: int) -> None:
+        """Apply how a person handles a vehicle, unless a newer decision is known."""
+        key = (handling.site, handling.vehicle, handling.action is Action.NOTE)
+        known = self.handlings.get(key)
+        if known is None or known.t_us < handling.t_us:
+            self.handlings.put(key, handling, revision)
 
     def evict(self, revision: int) -> None:
         """Evict pairs and instances that have been silent for their time to live."""
@@ -144,6 +156,7 @@ class ViewState:
             "copies": self.copies.since(since),
             "events": [event.row() for event in self.events.since(since)],
             "qualities": self.qualities.since(since),
+            "handlings": [handling.model_dump(mode="json") for handling in self.handlings.since(since)],
         }
 
     def _summarise(self, event: Event, revision: int) -> None:

@@ -15,8 +15,10 @@ from typer.testing import CliRunner
 from headway.cli.app import app
 from headway.cli.run.alerts import print_table, query
 from headway.cli.run.alerts_export import write_csv
+from headway.edge.storage.handling_store import store
 from headway.edge.storage.journal import Journal
 from headway.errors import UserError
+from headway_schemas.handling import Action, Handling
 
 LONG_ID = "main-street-north-onboard-unit-00012345-1700000000000000-bias"
 HOUR_US = 3_600_000_000
@@ -28,7 +30,10 @@ def journal(tmp_path: Path) -> Path:
     now_us = time.time_ns() // 1000
     ages_us = (26 * HOUR_US, 2 * HOUR_US, 30_000_000)
     Journal(file, site=IDENTITY.site, instance=IDENTITY.instance, days=30.0, megabytes=100.0).write(
-        [update(now_us - age_us, event_id=f"{LONG_ID}-{i}") for i, age_us in enumerate(ages_us)]
+        [
+            update(now_us - age_us, event_id=f"{LONG_ID}-{i}", onset_us=now_us - age_us)
+            for i, age_us in enumerate(ages_us)
+        ]
     )
     return file
 
@@ -59,6 +64,17 @@ def test_a_terminal_gets_the_columns_that_fit_and_the_id_always(width: int) -> N
         assert (row[name] in text) != (name in text.partition("not shown")[2])
     assert (row["suspect"] in text) == (width == 160)
     assert max(len(line) for line in text.partition("not shown")[0].splitlines()) <= max(width, len(LONG_ID))
+
+
+def test_how_a_vehicle_is_handled_is_listed_with_its_events(journal: Path) -> None:
+    now_us = time.time_ns() // 1000
+    of = {"site": IDENTITY.site, "vehicle": "car1", "by": "anna", "t_us": now_us - HOUR_US}
+    store(journal, Handling(action=Action.RESOLVE, **of))
+    store(journal, Handling(action=Action.NOTE, note="antenna\tloose", **of))
+    shown = [line.split("\t", 8)[-1] for line in invoke("list", "--journal", journal).splitlines()]
+    assert shown == ["resolved by anna; anna: antenna loose"] * 2 + ["anna: antenna loose"]
+    listed = json.loads(invoke("list", "--journal", journal, "--json"))
+    assert [one["action"] for one in listed["handlings"]] == ["resolve", "note"]
 
 
 def test_no_alerts_are_an_empty_list(tmp_path: Path) -> None:

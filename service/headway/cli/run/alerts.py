@@ -18,15 +18,17 @@ from rich.console import Console
 from headway import client
 from headway.cli.run.bus import BusAccess
 from headway.dashboard.fitted_table import FittedTable
-from headway.edge.storage import journal_query
+from headway.edge.storage import handling_store, journal_query
 from headway.edge.storage.journal_format import reason_of
 from headway.edge.storage.persistence import JOURNAL_FILE
 from headway.errors import UserError
 from headway.settings import load
-from headway_schemas.event import Event
+from headway_schemas.event import Event, Phase
+from headway_schemas.handling import Action, Handling
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
 _AGO: Final = re.compile(r"-(?P<count>\d+(\.\d+)?)(?P<unit>[smhd])")
+_DONE: Final = {Action.ACKNOWLEDGE: "acknowledged", Action.MUTE: "muted", Action.RESOLVE: "resolved"}
 _SECONDS: Final = {"s": 1, "m": 60, "h": 3_600, "d": 86_400}
 
 
@@ -59,10 +61,13 @@ def stored_events(file: Path, asked: AlertsQuery) -> list[Event]:
 def show(file: Path, asked: AlertsQuery, *, as_json: bool) -> None:
     """Print the events or updates that meet a query."""
     events = stored_events(file, asked)
+    with in_one_line(file):
+        handlings = handling_store.newest(file)
     if as_json:
-        typer.echo(json.dumps({"alerts": [event.model_dump(mode="json") for event in events]}))
+        alerts, handled = ([one.model_dump(mode="json") for one in ones] for ones in (events, handlings))
+        typer.echo(json.dumps({"alerts": alerts, "handlings": handled}))
         return
-    rows = [_row(event) for event in events]
+    rows = [_row(event) | {"handling": _handling(event, handlings)} for event in events]
     if sys.stdout.isatty():
         print_table(rows, Console())
     else:
@@ -83,6 +88,20 @@ def _row(event: Event) -> dict[str, str]:
         "statistic": "" if event.statistic is None else f"{event.statistic:.4g}",
         "gate": "" if event.gate is None else f"{event.gate:.4g}",
     }
+
+
+def _handling(event: Event, handlings: list[Handling]) -> str:
+    """Return what people decided about the suspect, and the newest note."""
+    onset_us, is_open = event.onset_us or event.detected_us, event.phase is not Phase.CLEARED
+    found = []
+    for one in handlings:
+        if (one.site, one.vehicle) != (event.site, event.suspect):
+            continue
+        if one.action is Action.NOTE:
+            found.append(" ".join(f"{one.by}: {one.note}".split()))
+        elif one.is_in_force(onset_us=onset_us, is_open=is_open, now_us=time.time_ns() // 1000):
+            found.append(" ".join(f"{_DONE[one.action]} by {one.by}".split()))
+    return "; ".join(found)
 
 
 def print_table(rows: list[dict[str, str]], console: Console) -> None:

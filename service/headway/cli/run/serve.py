@@ -13,6 +13,7 @@ from headway.core.engine import Engine
 from headway.edge.clock import SystemClock
 from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
+from headway.edge.codec.messages import encode
 from headway.edge.context import ServiceContext
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
@@ -80,6 +81,7 @@ def serve(loaded: Loaded) -> None:
             engine,
             clock,
             lambda update: bus.publish(Channel.ALERT, update.key, update.payload),
+            lambda handling: bus.publish(Channel.HANDLING, keys.handled(handling.vehicle), encode(handling)),
         )
     context = ServiceContext(
         identity=identity,

@@ -5,6 +5,7 @@ import { AlertList } from "./alerts.js";
 import { download, toCsv } from "./csv.js";
 import { $, el, instant, localTime, setText } from "./dom.js";
 import { EvidencePanel } from "./evidence.js";
+import { HandlingPanel, handlingText } from "./handling.js";
 import { History } from "./history.js";
 import { legend, Road } from "./road.js";
 import { renderService } from "./service.js";
@@ -19,7 +20,7 @@ const CATCH_MS = 3000;
 const SLOW_MS = 1000;
 const EVENT_COLUMNS = ["event_id", "site", "suspect", "leader", "follower", "kind", "sensor", "phase", "first_us", "last_us", "count",
   "deviation_m", "deviation_mps", "statistic", "gate", "p_value", "confidence"];
-const VEHICLE_COLUMNS = ["vehicle", "site", "open", "count", "first_us", "last_us", "deviation_m", "deviation_mps", "kinds"];
+const VEHICLE_COLUMNS = ["vehicle", "site", "open", "count", "first_us", "last_us", "deviation_m", "deviation_mps", "kinds", "handling"];
 
 const store = new Store();
 const filter = { site: "", kind: "", vehicle: "" };
@@ -33,6 +34,7 @@ const history = new History(store, chooseEvent);
 const alerts = new AlertList(chooseEvent, render);
 const vehicles = new VehicleList(chooseVehicle, render);
 const road = new Road($("road"), $("tip"), store, choosePair);
+const handling = new HandlingPanel(store);
 const renderTiles = tiles();
 const renderLegend = legend($("legend"));
 
@@ -78,7 +80,9 @@ function take(frame) {
 function render() {
   const events = store.eventsNewestFirst({ ...filter, suspect });
   const chosen = store.events.get(evidence.chosen);
-  shownVehicles = vehicles.render(store, vehiclesOf(store, filter), chosen ? keyOf(chosen.site, chosen.suspect) : suspect);
+  const current = chosen ? keyOf(chosen.site, chosen.suspect) : suspect, found = vehiclesOf(store, filter);
+  shownVehicles = vehicles.render(store, found, current);
+  handling.render(found.find(({ key }) => key === current));
   shownEvents = alerts.render(store, events, chosen);
   evidence.render();
   setText($("alerts-of"), suspect ? `of ${suspect.slice(suspect.indexOf("/") + 1)}` : "of all vehicles");
@@ -184,7 +188,7 @@ function theme(choice) {
   road.recolour();
 }
 
-const vehicleRow = (vehicle) => ({ ...vehicle, vehicle: vehicle.id, kinds: [...vehicle.kinds].join(" ") });
+const vehicleRow = (vehicle) => ({ ...vehicle, vehicle: vehicle.id, kinds: [...vehicle.kinds].join(" "), handling: handlingText(vehicle) });
 
 for (const kind of KINDS) $("filter").elements.kind.append(el("option", { value: kind }, kind));
 $("filter").addEventListener("input", refilter);

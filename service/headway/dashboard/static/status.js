@@ -22,11 +22,12 @@ export function statusOf(store) {
   if (!store.connection.connected) return ["blind", `BLIND: no contact with the bus of ${store.sites.join(", ")}`];
   const sites = store.sites.map((site) => store.siteState(site));
   const silent = sites.filter(({ state }) => state === "silent");
-  const { faulty, absent } = openVehicles(store);
+  const { faulty, absent, muted } = openVehicles(store);
   const parts = [
     silent.length && `BLIND: ${silent.map(silence).join(", ")}`,
     faulty.length && `${cars(faulty.length)} not to be trusted`,
     absent.length && `${cars(absent.length)} silent`,
+    muted.length && `${cars(muted.length)} muted`,
   ].filter(Boolean);
   if (parts.length) return [silent.length ? "blind" : faulty.length ? "alarm" : "warn", parts.join(" · ")];
   const unready = sites.filter(({ state }) => state !== "live").map(({ site }) => site);

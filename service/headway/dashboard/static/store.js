@@ -26,6 +26,7 @@ export class Store {
     this.events = new Map(); // "site/event_id" -> the event as it is known now
     this.instances = new Map(); // "site/instance" -> health
     this.qualities = new Map(); // "site/vehicle" -> sensor quality
+    this.handlings = new Map(); // "site/vehicle" -> {decision, note}, the newest of each
     this.copies = []; // rejected messages, newest first
     this.trends = { scored_hz: [], p99_ms: [] };
   }
@@ -44,6 +45,7 @@ export class Store {
       this.qualities.delete(key);
     }
     for (const quality of frame.qualities) this.qualities.set(keyOf(quality.site, quality.vehicle), quality);
+    for (const handling of frame.handlings) this.#handling(handling);
     for (const health of frame.instances) this.instances.set(keyOf(health.site, health.instance), health);
     if (frame.instances.length) this.#trend();
     if (frame.copies.length) this.copies = [...frame.copies.reverse(), ...this.copies].slice(0, COPIES_MOST);
@@ -141,6 +143,11 @@ export class Store {
     if (trace.length > TRACE_MOST) trace.shift();
     this.pairs.delete(key);
     this.pairs.set(key, Object.assign(before ?? {}, state, { key, trace, received_us: this.nowUs }));
+  }
+
+  #handling(handling) {
+    const key = keyOf(handling.site, handling.vehicle);
+    this.handlings.set(key, { ...this.handlings.get(key), [handling.action === "note" ? "note" : "decision"]: handling });
   }
 
   #trend() {

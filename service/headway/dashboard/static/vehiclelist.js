@@ -1,6 +1,7 @@
 // The list of vehicles with events: what is wrong with each, since when, how often, how far.
 
 import { $, clock, count, el, setText } from "./dom.js";
+import { handlingText } from "./handling.js";
 import { KeyedList, More } from "./keyed.js";
 import { deviation, sentences } from "./words.js";
 
@@ -13,7 +14,7 @@ export class VehicleList {
   constructor(choose, changed) {
     this.#more = new More($("vehicles-more"), ROWS, changed);
     this.#rows = new KeyedList($("vehicles"), ({ key, site, id }) => {
-      const parts = ["who", "small state", "what", "small since", "small worst", "small kinds"].map((name) => el("span", { class: name }));
+      const parts = ["who", "small state", "what", "small since", "small worst", "small kinds", "small handled"].map((name) => el("span", { class: name }));
       const button = el("button", { class: "vehicle", type: "button", "data-vehicle": id, "data-site": site }, ...parts);
       button.addEventListener("click", () => choose(key));
       return el("li", {}, button);
@@ -30,8 +31,10 @@ export class VehicleList {
 }
 
 function update(button, vehicle, store, current) {
-  const [who, state, what, since, worst, kinds] = button.children;
+  const [who, state, what, since, worst, kinds, handled] = button.children;
   button.dataset.state = stateOf(vehicle);
+  button.dataset.handling = vehicle.decision?.action ?? "";
+  setText(handled, handlingText(vehicle));
   button.setAttribute("aria-current", String(current));
   setText(who, vehicle.id);
   setText(state, `${stateOf(vehicle)} · ${vehicle.site}`);

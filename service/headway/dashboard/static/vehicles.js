@@ -1,5 +1,6 @@
 // Vehicles with events: one for each suspect and site, the worst first. Pure: no document.
 
+import { inForce } from "./handling.js";
 import { keyOf, matches } from "./store.js";
 
 /** Metres, and metres per second over one second: a number to sort by. */
@@ -17,14 +18,25 @@ export function vehiclesOf(store, filter) {
     add(vehicle, event, store.stateOf(event) === "open");
     found.set(key, vehicle);
   }
+  for (const vehicle of found.values()) {
+    const { decision, note } = store.handlings.get(vehicle.key) ?? {};
+    vehicle.note = note;
+    vehicle.decision = inForce(decision, vehicle.events, (event) => store.stateOf(event) === "open", store.nowUs) ? decision : undefined;
+    vehicle.muted = vehicle.decision?.action === "mute";
+    vehicle.resolved = vehicle.decision?.action === "resolve";
+  }
   return [...found.values()].sort(worseFirst);
 }
 
-/** Open faults of live sites: vehicles that are wrong, and vehicles that are only absent. */
+/** Vehicles of live sites with open events: those that are wrong, those that are only absent, and the muted ones. */
 export function openVehicles(store) {
   const live = new Set(store.sites.filter((site) => store.siteState(site).state !== "silent"));
   const open = vehiclesOf(store, {}).filter((vehicle) => vehicle.open && live.has(vehicle.site));
-  return { faulty: open.filter(({ open: n, missing }) => n > missing), absent: open.filter(({ open: n, missing }) => n === missing) };
+  const loud = open.filter(({ muted }) => !muted);
+  return {
+    faulty: loud.filter((vehicle) => vehicle.open > vehicle.missing), absent: loud.filter((vehicle) => vehicle.open === vehicle.missing),
+    muted: open.filter(({ muted }) => muted),
+  };
 }
 
 function add(vehicle, event, isOpen) {
@@ -44,6 +56,6 @@ function add(vehicle, event, isOpen) {
 const larger = (a, b) => (a === null || a === undefined ? b : b === null || b === undefined ? a : Math.max(a, b));
 
 function worseFirst(a, b) {
-  return (b.open > 0) - (a.open > 0) || (b.open > b.missing) - (a.open > a.missing) ||
+  return a.muted - b.muted || a.resolved - b.resolved || (b.open > 0) - (a.open > 0) || (b.open > b.missing) - (a.open > a.missing) ||
     severity(b) - severity(a) || b.count - a.count || a.key.localeCompare(b.key);
 }

@@ -10,12 +10,14 @@ from typing import Final
 from headway.core.engine import Engine
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
+from headway.edge.storage.handling_store import HandlingQueryable
 from headway.edge.storage.journal import EventUpdate, Journal, Resumed
 from headway.edge.storage.journal_query import HistoryQueryable
 from headway.edge.storage.journal_writer import JournalWriter
 from headway.edge.storage.snapshots import Snapshots
 from headway.edge.transport.ports import Query
 from headway.errors import UserError
+from headway_schemas.handling import Handling
 
 JOURNAL_FILE: Final = "journal.sqlite"
 """File in the folder; instances on one machine may share it."""
@@ -39,6 +41,8 @@ class Persistence:
     ----------
     publish
         Publishes one event update after its commit; any thread may call it.
+    publish_handling
+        Publishes how a person handles a vehicle; another thread calls it.
     """
 
     def __init__(
@@ -48,6 +52,7 @@ class Persistence:
         engine: Engine,
         clock: Clock,
         publish: Callable[[EventUpdate], None],
+        publish_handling: Callable[[Handling], None] = lambda _: None,
     ) -> None:
         journal = config.folder / JOURNAL_FILE
         self._lock = config.folder / f"{identity.site}-{identity.instance}.lock"
@@ -66,6 +71,7 @@ class Persistence:
         snapshots = config.folder / f"{identity.site}-{identity.instance}.snapshot"
         self.snapshots = Snapshots(snapshots, config.snapshot_interval_s, engine, identity, clock)
         self._history = HistoryQueryable(journal, identity.site, self.journal_writer.report_damage)
+        self._handling = HandlingQueryable(journal, identity.site, clock, publish_handling)
 
     def start(self) -> Resumed:
         """Load the snapshot and start to write; return what the journal says of the process before this one.
@@ -105,6 +111,10 @@ class Persistence:
         """Queue a query for the history of events."""
         self._history.ask(query)
 
+    def handle(self, query: Query) -> None:
+        """Queue a request to handle a vehicle, or a query for how vehicles are handled."""
+        self._handling.ask(query)
+
     def tick(self, now_ns: int) -> None:
         """Do a part of the work that is due."""
         self.journal_writer.tick(now_ns)
@@ -114,5 +124,6 @@ class Persistence:
         """Write and publish what waits, then take a last snapshot."""
         self.journal_writer.close(_CLOSE_S)
         self._history.close()
+        self._handling.close()
         self.snapshots.close()
         self._held.close()

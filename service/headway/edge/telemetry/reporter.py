@@ -87,6 +87,8 @@ class Reporter:
         query = self._bus.next_query()
         if query is not None and query.key == self._keys.alerts and self._persistence is not None:
             self._persistence.ask(query)
+        elif query is not None and query.key == self._keys.handling and self._persistence is not None:
+            self._persistence.handle(query)
         elif query is not None:
             self._answers.append(self._answer_pairs(query))
         if self._answers and next(self._answers[0], _DONE) is _DONE:

@@ -6,7 +6,14 @@ from typing import Protocol
 
 from headway.core.types.outcome import Outcome
 from headway.edge.transport.message import ReceivedMessage
-from headway_schemas.encodings import EVENT_JSON, HEALTH_JSON, PAIR_STATE_JSON, REJECTED_JSON, SENSOR_QUALITY_JSON
+from headway_schemas.encodings import (
+    EVENT_JSON,
+    HANDLING_JSON,
+    HEALTH_JSON,
+    PAIR_STATE_JSON,
+    REJECTED_JSON,
+    SENSOR_QUALITY_JSON,
+)
 
 
 @unique
@@ -18,6 +25,7 @@ class Channel(Enum):
     QUALITY = SENSOR_QUALITY_JSON
     REJECTED = REJECTED_JSON
     HEALTH = HEALTH_JSON
+    HANDLING = HANDLING_JSON
 
 
 class Query(Protocol):
@@ -31,6 +39,11 @@ class Query(Protocol):
     @property
     def parameters(self) -> Mapping[str, str]:
         """Parameters of the selector."""
+        ...
+
+    @property
+    def payload(self) -> bytes:
+        """What the query carries; empty for most."""
         ...
 
     def answer(self, payload: bytes, encoding: str) -> None:

@@ -55,6 +55,7 @@ _CLOSED_AFTER_NS: Final = 5_000_000_000
 _PRIORITY: Final = {
     Channel.ALERT: zenoh.Priority.INTERACTIVE_HIGH,
     Channel.HEALTH: zenoh.Priority.DATA_HIGH,
+    Channel.HANDLING: zenoh.Priority.DATA_HIGH,
     Channel.STATE: zenoh.Priority.DATA_LOW,
     Channel.QUALITY: zenoh.Priority.DATA_LOW,
     Channel.REJECTED: zenoh.Priority.BACKGROUND,
@@ -77,7 +78,7 @@ class ZenohBus:
         self._keys = keys
         self._clock = clock
         self._receive_queue = receive_queue
-        self._queryables = (keys.pairs, keys.alerts) if config.history else (keys.pairs,)
+        self._queryables = (keys.pairs, keys.alerts, keys.handling) if config.history else (keys.pairs,)
         self._options = config.zenoh_config()
         self._is_client = is_client(self._options)
         self._listens = not self._is_client and bool(json.loads(self._options.get_json("listen/endpoints")))

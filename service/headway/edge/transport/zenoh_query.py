@@ -12,6 +12,7 @@ class ZenohQuery:
         self._query = query
         self._answers = answers
         self.key = key
+        self.payload = b"" if query.payload is None else query.payload.to_bytes()
         self.parameters = {
             name: value for name, _, value in (p.partition("=") for p in str(query.parameters).split(";")) if name
         }
