@@ -1,11 +1,12 @@
 """`headway watch` and `headway dashboard`: what the service publishes, on a terminal and on a page."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from headway.cli.options import ConfigFile, Connect, Sites, ZenohConfig
+from headway.cli.options import ConfigFile, Connect, Sites, ZenohConfig, options_as
 
 
 def watch(
@@ -32,7 +33,20 @@ def watch(
     )
 
 
+@dataclass(frozen=True)
+class NoticeOptions:
+    """Where notices of faulty vehicles go."""
+
+    webhook: Annotated[str | None, typer.Option(help="URL that gets a POST when a vehicle is faulty, and no more.")] = (
+        None
+    )
+    alertmanager: Annotated[str | None, typer.Option(help="Alertmanager, such as http://127.0.0.1:9093.")] = None
+    runbook_url: Annotated[str | None, typer.Option(help="What the notices name as the place of advice.")] = None
+
+
+@options_as(NoticeOptions)
 def dashboard(
+    options: NoticeOptions,
     connect: Connect = None,
     site: Sites = None,
     config: ConfigFile = None,
@@ -42,12 +56,13 @@ def dashboard(
     token_file: Annotated[Path | None, typer.Option(help="File with the token that opens the page.")] = None,
     name: Annotated[list[str] | None, typer.Option(help="Further host name of the page; may be repeated.")] = None,
 ) -> None:
-    """Serve a web page of alerts, pairs and health.
+    """Serve a web page of alerts, pairs and health, and notify others of faulty vehicles.
 
     Example: headway dashboard --port 8081 --connect tcp/10.0.0.1:7447
     """
     from headway.cli.run.bus import bus_access
     from headway.dashboard import server
+    from headway.dashboard.notifier import Receivers
 
     bus = bus_access(config, connect, zenoh_config)
     server.serve(
@@ -59,4 +74,5 @@ def dashboard(
         token_file=token_file,
         names=name or (),
         zenoh_config=bus.zenoh_config,
+        receivers=Receivers(options.webhook, options.alertmanager, options.runbook_url),
     )

@@ -33,7 +33,7 @@ class Broadcaster:
         self.viewers = 0
         self.revision = 0
         self._feed = feed
-        self._view_state = ViewState()
+        self.view_state = ViewState()
         self._now_us = now_us
         self._changed = asyncio.Event()
         self._frames: dict[int, bytes] = {}
@@ -54,8 +54,8 @@ class Broadcaster:
         """Apply the new messages and wake the viewers; an empty frame shows them that the connection is up."""
         self.revision = max(self._now_us(), self.revision + 1)
         for received in self._feed.drain():
-            self._view_state.apply(received, self.revision)
-        self._view_state.evict(self.revision)
+            self.view_state.apply(received, self.revision)
+        self.view_state.evict(self.revision)
         self._frames.clear()
         self._wake()
 
@@ -64,13 +64,11 @@ class Broadcaster:
         if since > self.revision:
             since = 0
         if since not in self._frames:
-            state = self._view_state.delta(since)
-            del state["updates"]  # the page asks for those of one event
             changes = {
                 "now_us": self.revision,
                 "sites": self.sites,
                 "connection": asdict(self._feed.connection),
-                **state,
+                **self.view_state.delta(since),
             }
             data = json.dumps(changes, separators=(",", ":"), allow_nan=False)
             self._frames[since] = f"id: {self.revision}\ndata: {data}\n\n".encode()
@@ -94,12 +92,12 @@ class Broadcaster:
         """Ask the site for a handling; return it as stored, or the reason why it is not."""
         answer = await asyncio.to_thread(self._feed.handle, site, request)
         if isinstance(answer, Handling):
-            self._view_state.apply_handling(answer, self.revision + 1)
+            self.view_state.apply_handling(answer, self.revision + 1)
         return answer
 
     def summary(self, event: Event) -> EventSummary:
         """Return what is known of the event of an update."""
-        known = self._view_state.events.get((event.site, event.event_id))
+        known = self.view_state.events.get((event.site, event.event_id))
         return EventSummary.of(event) if known is None else known
 
     async def event(self, event_id: str, sites: Sequence[str]) -> list[Event]:
@@ -107,22 +105,22 @@ class Broadcaster:
         if not any(event.phase is Phase.ONSET and event.evidence for event in self._known(event_id, sites)):
             stored = await self.history(sites, AlertsQuery(event=event_id, evidence=True, limit=LIMIT_MAX))
             for event in stored.events:
-                self._view_state.apply_event(event, self.revision + 1)
+                self.view_state.apply_event(event, self.revision + 1)
         return sorted(self._known(event_id, sites), key=lambda event: event.detected_us)
 
     async def _catch_up(self) -> None:
         """Fetch the newest history after each connection and each start of an instance: events may be missing."""
         fetched, attempt = (0, 0), 0
         while True:
-            if self._view_state.missing:
+            if self.view_state.missing:
                 await self._fill_gap()
-            due = (self._feed.connection.connections, self._view_state.instance_starts)
+            due = (self._feed.connection.connections, self.view_state.instance_starts)
             if due != fetched and self._feed.connection.connected:
                 history = await self.history(self.sites, _CATCH_UP)
                 for event in reversed(history.events):
-                    self._view_state.apply_event(event, self.revision + 1)
+                    self.view_state.apply_event(event, self.revision + 1)
                 for handling in await asyncio.to_thread(self._feed.handlings, self.sites):
-                    self._view_state.apply_handling(handling, self.revision + 1)
+                    self.view_state.apply_handling(handling, self.revision + 1)
                 if history.answers:
                     fetched, attempt = due, 0
                 else:
@@ -132,15 +130,15 @@ class Broadcaster:
 
     async def _fill_gap(self) -> None:
         """Fetch the updates of one gap; try again when no journal answers."""
-        site, query = gap = self._view_state.missing.pop(0)
+        site, query = gap = self.view_state.missing.pop(0)
         history = await self.history([site], query)
         for event in reversed(history.events):
-            self._view_state.apply_event(event, self.revision + 1)
+            self.view_state.apply_event(event, self.revision + 1)
         if not history.answers:
-            self._view_state.missing.append(gap)
+            self.view_state.missing.append(gap)
 
     def _known(self, event_id: str, sites: Sequence[str]) -> list[Event]:
-        return [event for event in self._view_state.updates if event.event_id == event_id and event.site in sites]
+        return [event for event in self.view_state.updates if event.event_id == event_id and event.site in sites]
 
     def _wake(self) -> None:
         self._changed.set()

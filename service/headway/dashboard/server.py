@@ -14,8 +14,9 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 from headway.client import BusFeed, Feed
 from headway.dashboard.access import is_loopback, read_token
 from headway.dashboard.app import create_app
-from headway.dashboard.broadcast import Broadcaster
+from headway.dashboard.broadcast import Broadcaster, wall_us
 from headway.dashboard.contact import ContactNotice
+from headway.dashboard.notifier import Notifier, Receivers
 from headway.errors import UserError
 
 STALL_S: Final = 20.0
@@ -35,10 +36,12 @@ def serve(
     names: Sequence[str] = (),
     prefix: str = "v2x",
     zenoh_config: Path | None = None,
+    receivers: Receivers | None = None,
 ) -> None:
     """Serve the page until SIGINT or SIGTERM; the bus may come and go meanwhile.
 
-    `names` are further host names under which browsers reach the page. Port 0 takes a free one.
+    `names` are further host names under which browsers reach the page. Port 0 takes a free one. `receivers` are sent
+    notices of faulty vehicles.
 
     Raises
     ------
@@ -50,7 +53,7 @@ def serve(
     token = None if token_file is None else read_token(token_file)
     feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)
     with bind(host, port) as listener:
-        server = Server(feed, sites, host, token, names, ContactNotice("dashboard", connect))
+        server = Server(feed, sites, host, token, names, ContactNotice("dashboard", connect), receivers)
         shown = f"[{host}]" if ":" in host else host
         sys.stderr.write(f"headway dashboard: http://{shown}:{listener.getsockname()[1]}/ of {', '.join(sites)}\n")
         try:
@@ -87,10 +90,12 @@ class Server(uvicorn.Server):
         token: str | None,
         names: Sequence[str],
         notice: ContactNotice | None = None,
+        receivers: Receivers | None = None,
     ) -> None:
         self._feed = feed
         self._notice = notice
         self.broadcaster = Broadcaster(feed, sites)
+        self._notifier = Notifier(receivers or Receivers(), self.broadcaster.view_state, wall_us)
         app = create_app(self.broadcaster, host=host, token=token, names=names)
         # The access log would contain the token of a first visit. The headers of a proxy are not verified.
         config = uvicorn.Config(
@@ -109,8 +114,13 @@ class Server(uvicorn.Server):
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         """Start with the broadcaster; if that ends by itself it has failed, and the server stops."""
         await super().startup(sockets)
-        self._running = asyncio.create_task(self.broadcaster.run())
+        self._running = asyncio.create_task(self._run())
         self._running.add_done_callback(lambda _: setattr(self, "should_exit", True))
+
+    async def _run(self) -> None:
+        async with asyncio.TaskGroup() as tasks:
+            tasks.create_task(self.broadcaster.run())
+            tasks.create_task(self._notifier.run())
 
     async def on_tick(self, counter: int) -> bool:
         """Update the notice of contact, ten times a second."""
