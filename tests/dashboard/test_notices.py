@@ -36,7 +36,7 @@ def test_one_at_the_onset_and_one_when_it_is_over() -> None:
     assert road.at(0, update(1, 0, Phase.ONSET)) == [("car", True)]
     assert [road.at(s, update(1, s)) for s in range(1, 20)] == [[]] * 19
     assert road.at(20, update(1, 20, Phase.CLEARED)) == []
-    assert [road.at(20 + s) for s in (1, 2, 3)] == [[]] * 3
+    assert [road.at(20 + s) for s in (1, 2, 13)] == [[]] * 3
     assert road.at(19 + QUIET_US / S) == [("car", False)]
     assert road.last[0].until_us == START_US + 19 * S
     assert road.at(90) == []
@@ -61,7 +61,7 @@ def test_another_suspect_is_another_matter() -> None:
     road = Road()
     road.at(0, update(1, 0, Phase.ONSET, "a"))
     assert road.at(1, update(1, 1, suspect="b")) == [("b", True)]
-    assert road.at(7, update(1, 7, suspect="b")) == [("a", False)]
+    assert road.at(17, update(1, 17, suspect="b")) == [("a", False)]
 
 
 def mute(until_s: float | None) -> Handling:
@@ -83,7 +83,7 @@ def test_what_was_notified_before_a_mute_is_ended() -> None:
     road.at(0, update(1, 0, Phase.ONSET))
     road.handlings = [mute(100)]
     assert road.at(2, update(1, 2, Phase.CLEARED)) == []
-    assert road.at(9) == [("car", False)]
+    assert road.at(19) == [("car", False)]
 
 
 def test_the_bodies_name_the_vehicle_and_end_at_the_end() -> None:

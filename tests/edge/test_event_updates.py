@@ -4,6 +4,7 @@ import pytest
 from edge.stub import event
 from sim.rig import IDENTITY, KEYS
 
+from headway.core.types.records import Kind
 from headway.core.types.step_result import Phase
 from headway.edge.codec.messages import Timing
 from headway.edge.event_updates import QUIET_NS, EventUpdates
@@ -51,6 +52,19 @@ def test_beyond_its_quota_a_suspect_has_one_event_that_counts(updates) -> None:
     [end] = of(updates, 60.0 + QUIET_NS / S)
     assert (end.event_id, end.phase, end.count) == ("car1-3", Phase.CLEARED, 600 - BURST)
     assert of(updates, 200.0) == []
+
+
+def test_a_summary_is_of_the_newest_known_kind_and_the_largest_deviation(updates) -> None:
+    for n in range(BURST):
+        of(updates, n / 10, *short(n))
+    of(updates, 1.0, event(event_id="car1-a", kind=Kind.UNKNOWN, onset_us=7, deviation=(0.5, 0.0)))
+    of(updates, 2.0, event(event_id="car1-a", phase=Phase.UPDATE, kind=Kind.DRIFT, deviation=(3.0, 0.1)))
+    of(updates, 3.0, event(event_id="car1-b", kind=Kind.UNKNOWN, deviation=(1.0, 0.2)))
+    [update] = of(updates, 12.0)
+    assert (update.event_id, update.phase, update.kind, update.count) == ("car1-a", Phase.UPDATE, Kind.DRIFT.label, 2)
+    assert update.deviation is not None
+    assert (update.deviation.x_m, update.deviation.v_mps, update.onset_us) == (3.0, 0.2, 7)
+    assert update.evidence is None
 
 
 def test_another_suspect_beside_a_flood_is_published(updates) -> None:

@@ -13,7 +13,7 @@ Body = dict[str, Any]
 
 LAPSE_US: Final = 60_000_000
 """An event without an update for longer is over."""
-QUIET_US: Final = 5_000_000
+QUIET_US: Final = 15_000_000
 """Without an open event for this long the matter is over: a fault that comes and goes is one."""
 _NEVER_US: Final = 7 * 86_400_000_000
 """End of an alert that is open, for Alertmanager: a dashboard that dies leaves none open for longer."""

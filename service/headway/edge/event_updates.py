@@ -5,9 +5,10 @@ that no sender fills the journal or the bus, however often it raises an alarm.
 """
 
 from collections.abc import Container, Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
+from headway.core.types.records import Kind
 from headway.core.types.step_result import AnomalyEvent
 from headway.core.types.step_result import Phase as OfEngine
 from headway.edge.codec.messages import Timing, encode, event_message
@@ -33,6 +34,10 @@ class _Suspect:
     refilled_ns: int
     counted: int = 0
     summary: Event | None = None
+    newest: AnomalyEvent | None = None
+    """The newest that the summary counts, of a known kind if any is; without evidence."""
+    deviation: tuple[float, float] = (0.0, 0.0)
+    """The largest of those that the summary counts."""
     updated_ns: int = 0
     newest_ns: int = 0
     summarised: set[str] = field(default_factory=set)
@@ -89,7 +94,7 @@ class EventUpdates:
                 updates.append(self._number(message))
         if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
             self._looked_ns = now_ns
-            updates += map(self._number, self._summaries(now_ns, timing.detected_us))
+            updates += map(self._number, self._summaries(now_ns, timing))
         return updates
 
     def end_others(self, known: Container[str], now_us: int) -> list[EventUpdate]:
@@ -126,6 +131,7 @@ class EventUpdates:
         if event.event_id not in suspect.summarised:
             return True
         suspect.newest_ns = now_ns
+        self._note(suspect, event)
         if event.phase is OfEngine.CLEARED:
             suspect.summarised.discard(event.event_id)
         return False
@@ -135,27 +141,43 @@ class EventUpdates:
         suspect.summarised.add(event.event_id)
         suspect.counted += 1
         suspect.newest_ns = now_ns
+        self._note(suspect, event)
         if suspect.summary is None:
             suspect.summary = event_message(event, self._identity, timing, self._history.of)
 
-    def _summaries(self, now_ns: int, detected_us: int) -> Iterator[Event]:
+    @staticmethod
+    def _note(suspect: _Suspect, event: AnomalyEvent) -> None:
+        """Take note of an update that the summary counts."""
+        if suspect.newest is None or event.kind is not Kind.UNKNOWN:
+            suspect.newest = replace(event, evidence=None)
+        suspect.deviation = (
+            max(suspect.deviation[0], event.deviation[0]),
+            max(suspect.deviation[1], event.deviation[1]),
+        )
+
+    def _summaries(self, now_ns: int, timing: Timing) -> Iterator[Event]:
         """Yield the summaries that are due, and drop suspects whose quota is whole again."""
         for name, suspect in list(self._suspects.items()):
             if suspect.summary is not None:
-                yield from self._summary(suspect, suspect.summary, now_ns, detected_us)
+                yield from self._summary(suspect, suspect.summary, now_ns, timing)
             elif now_ns - suspect.refilled_ns > self._burst * self._refill_ns:
                 del self._suspects[name]
 
-    def _summary(self, suspect: _Suspect, summary: Event, now_ns: int, detected_us: int) -> Iterator[Event]:
+    def _summary(self, suspect: _Suspect, summary: Event, now_ns: int, timing: Timing) -> Iterator[Event]:
         is_over = now_ns - suspect.newest_ns > QUIET_NS
         if not (is_over or suspect.updated_ns == 0 or now_ns - suspect.updated_ns >= SUMMARY_EVERY_NS):
             return
         phase = Phase.CLEARED if is_over else Phase.UPDATE if suspect.updated_ns else Phase.ONSET
-        evidence = summary.evidence if phase is Phase.ONSET else None
-        yield summary.model_copy(
-            update={"phase": phase, "detected_us": detected_us, "count": suspect.counted, "evidence": evidence}
-        )
+        said = {"phase": phase, "detected_us": timing.detected_us, "count": suspect.counted}
+        if phase is Phase.ONSET:
+            yield summary.model_copy(update=said)
+        else:
+            assert suspect.newest is not None
+            newest = replace(suspect.newest, deviation=suspect.deviation)
+            of_summary = {"event_id": summary.event_id, "onset_us": summary.onset_us}
+            yield event_message(newest, self._identity, timing).model_copy(update=said | of_summary)
         suspect.updated_ns = now_ns
         if is_over:
-            suspect.summary, suspect.counted, suspect.updated_ns = None, 0, 0
+            suspect.summary, suspect.newest, suspect.deviation = None, None, (0.0, 0.0)
+            suspect.counted, suspect.updated_ns = 0, 0
             suspect.summarised.clear()

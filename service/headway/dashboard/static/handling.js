@@ -25,14 +25,14 @@ export function handlingText({ decision, note }) {
 }
 
 export class HandlingPanel {
-  #store; #vehicle = null;
+  #store; #vehicle = null; #waiting = "note";
 
   constructor(store) {
     this.#store = store;
     const form = $("handling");
     form.elements.by.value = localStorage.getItem("by") ?? "";
     form.addEventListener("click", ({ target }) => target.value && target.name === "action" && void this.send(target.value));
-    form.addEventListener("submit", (event) => { event.preventDefault(); void this.send("note"); });
+    form.addEventListener("submit", (event) => { event.preventDefault(); void this.send(this.#waiting); });
   }
 
   render(vehicle) {
@@ -47,7 +47,9 @@ export class HandlingPanel {
   async send(name) {
     const fields = $("handling").elements, [action, duration] = name.split("-");
     const by = fields.by.value.trim();
-    if (!this.#vehicle || !fields.by.reportValidity()) return;
+    if (!this.#vehicle) return;
+    this.#waiting = by ? "note" : name; // Enter in the field of the name goes on with it
+    if (!fields.by.reportValidity()) return;
     localStorage.setItem("by", by);
     const { site, id: vehicle } = this.#vehicle, lasts_s = MUTES_S[duration] ?? null;
     const until_us = lasts_s === null ? null : this.#store.nowUs + 1e6 * lasts_s;

@@ -7,6 +7,7 @@ import { $, el, instant, localTime, setText } from "./dom.js";
 import { EvidencePanel } from "./evidence.js";
 import { HandlingPanel, handlingText } from "./handling.js";
 import { History } from "./history.js";
+import { listenKeys } from "./keys.js";
 import { legend, Road } from "./road.js";
 import { renderService } from "./service.js";
 import { renderStatus } from "./status.js";
@@ -205,6 +206,7 @@ $("history-csv").addEventListener("click", () => download("history.csv", toCsv(E
 $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "light" ? "dark" : "light"));
 theme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
 setText($("zone"), `Times are of ${Intl.DateTimeFormat().resolvedOptions().timeZone}.`);
+listenKeys((action) => void handling.send(action));
 openAddress();
 setInterval(slow, SLOW_MS);
 listen();

@@ -20,6 +20,9 @@ const ADVICE = {
   unknown: "Wait some seconds: the kind follows. Until then do not use its readings.",
 };
 
+/** Smaller deviations, in metres or metres per second, are not put into words. */
+const LEAST = 0.005;
+
 /** What is wrong, since when, and how certain that is: three sentences; `subject` begins the first. */
 export function sentences(event, subject = `${event.suspect} `) {
   const claimed = claim(event);
@@ -40,8 +43,8 @@ export function claim(event) {
     return suspect === leader ? `moves otherwise than ${follower} behind it responds` : `does not respond to ${leader ?? "its leader"} as a driver does`;
   }
   if (sensor === "heading") return "reports a heading in which it does not drive";
-  const metres = sensor !== "speed" && event.deviation_m !== null && position(event);
-  const speed = sensor !== "location" && event.deviation_mps !== null && velocity(event);
+  const metres = sensor !== "speed" && event.deviation_m >= LEAST && position(event);
+  const speed = sensor !== "location" && event.deviation_mps >= LEAST && velocity(event);
   return [metres, speed].filter(Boolean).join(" and ") || `reports a ${SENSORS[sensor]} that cannot be right`;
 }
 
