@@ -292,3 +292,20 @@ def test_a_file_has_the_rows_that_are_shown(page: Browser, endpoint: str, tmp_pa
             assert len(read) == page.run(f"document.querySelectorAll('{rows}').length")
         assert read[0]["suspect"] == "veh-0089"
         assert float(read[0]["deviation_m"]) == 90.0
+
+
+def test_the_browser_notifies_of_a_car_that_becomes_faulty_if_asked(page: Browser, endpoint: str, origin: str) -> None:
+    page.call("Browser.grantPermissions", origin=origin, permissions=["notifications"])
+    with service(endpoint) as running, alive(running, Traffic(40)):
+        live(page)
+        running.publish(deviating(1, 1.0))
+        page.until(f"{ROWS} === 1")
+        page.run("window.shown = []; window.Notification = class { static permission = 'granted';"
+                 " static requestPermission() { return Promise.resolve('granted'); }"
+                 " constructor(title, { body }) { window.shown.push(`${title}: ${body}`); } }; 0")  # fmt: skip
+        click(page, "#notify")
+        page.until("document.getElementById('notify').getAttribute('aria-pressed') === 'true'")
+        running.publish(deviating(2, 0.8), deviating(2, 0.9, Phase.UPDATE))
+        page.until("window.shown.length === 1 && document.title === '(2) headway'")
+        assert page.run("window.shown[0]").startswith("veh-0002 at local: Says it is 0.")
+        page.run("localStorage.removeItem('notify')")

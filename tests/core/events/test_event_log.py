@@ -108,6 +108,13 @@ def test_the_deviation_is_the_largest_until_now() -> None:
     assert (cleared.phase, cleared.deviation, cleared.onset_us) == (Phase.CLEARED, (3.0, 0.0), onset.t_us)
 
 
+def test_an_end_has_the_confidence_of_the_last_alarm_of_its_kind() -> None:
+    car = Follower()
+    for kind in (Kind.UNKNOWN, Kind.BIAS, Kind.SHORT):
+        car.reads(True, kind)
+    assert [event.confidence for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False)] == [0.75, 0.75]
+
+
 class Pair:
     """A leader and its follower, with the log of their own events and that of the pair tests."""
 
@@ -151,6 +158,14 @@ def test_a_changed_suspect_is_an_update() -> None:
     for _ in range(3):
         updates = cars.reads(cars.pair, cars.follower, cars.leader, Kind.RESPONSE, Sensor.LINK)
     assert [(event.phase, event.suspect, event.deviation) for event in updates] == [(Phase.UPDATE, "a", (0.0, 0.0))]
+
+
+def test_the_end_names_the_suspect_of_the_last_alarm() -> None:
+    cars = Pair()
+    cars.reads(cars.pair, cars.follower, cars.leader, Kind.RESPONSE, Sensor.LINK)
+    for _ in range(CLEAR_AFTER_READINGS):
+        ends = cars.reads(cars.pair, cars.follower, cars.follower, Kind.NONE, Sensor.LINK)
+    assert [(event.phase, event.suspect) for event in ends] == [(Phase.CLEARED, "a")]
 
 
 def test_an_event_explains_what_its_neighbours_do_until_five_seconds_after_it() -> None:

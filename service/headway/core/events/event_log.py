@@ -46,6 +46,8 @@ class _Open:
     kind_published: bool = False
     deviation: tuple[float, float] = (0.0, 0.0)
     """Largest |reading - estimate| of location (m) and speed (m/s)."""
+    confidence: float = math.nan
+    """That of the newest alarm of this kind and sensor."""
 
 
 class _Subject(NamedTuple):
@@ -90,8 +92,8 @@ class EventLog:
         events = []
         for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Subject._make, subjects), findings, strict=True):
             phase = self._advance(of, kind, sensor, anomalous=anomalous)
-            if anomalous and sensor != Sensor.LINK:
-                self._add_deviation(of.row, verdicts[i])
+            if anomalous:
+                self._note(of.row, verdicts[i])
             if phase is not None:
                 events.append(self._event(phase, of, verdicts[i]))
             if phase is Phase.CLEARED:
@@ -135,7 +137,7 @@ class EventLog:
             phase=Phase.CLEARED,
             kind=event.kind,
             sensor=event.sensor,
-            confidence=math.nan,
+            confidence=event.confidence,
             suspect=suspect,
             leader=None,
             follower=follower,
@@ -178,6 +180,7 @@ class EventLog:
                 e.readings_below_gate,
                 e.kind_published,
                 *e.deviation,
+                e.confidence,
             )
             for row, e in of
         ]
@@ -196,11 +199,18 @@ class EventLog:
                 event.readings_below_gate,
                 event.kind_published,
                 (event.deviation_m, event.deviation_mps),
+                event.confidence,
             )
             self._set(event.row, restored)
 
-    def _add_deviation(self, row: int, verdict: np.void) -> None:
-        event, reading = self._open[row], self._evidence.newest(row)
+    def _note(self, row: int, verdict: np.void) -> None:
+        """Take note of an alarm: its confidence, and the deviation of the reading."""
+        event = self._open[row]
+        if (verdict["kind"], verdict["sensor"]) == (event.kind, event.sensor):
+            event.confidence = float(verdict["confidence"])
+        if event.sensor is Sensor.LINK:
+            return
+        reading = self._evidence.newest(row)
         event.deviation = (
             max(event.deviation[0], abs(float(reading["x_m"] - verdict["x_m"]))),
             max(event.deviation[1], abs(float(reading["v_mps"] - verdict["v_mps"]))),
@@ -238,7 +248,7 @@ class EventLog:
 
     def _event(self, phase: Phase, of: _Subject, verdict: np.void) -> AnomalyEvent:
         event = self._open[of.row]
-        follower, suspect = self._vehicles.id_of[of.row], self._vehicles.id_of[of.suspect]
+        follower, suspect = self._vehicles.id_of[of.row], self._vehicles.id_of[event.suspect]
         assert follower is not None
         assert suspect is not None
         return AnomalyEvent(
@@ -246,7 +256,7 @@ class EventLog:
             phase=phase,
             kind=event.kind if event.kind_published or phase is Phase.CLEARED else Kind.UNKNOWN,
             sensor=event.sensor,
-            confidence=float(verdict["confidence"]),
+            confidence=event.confidence,
             suspect=suspect,
             leader=self._vehicles.id_of[of.leader] if of.leader >= 0 else None,
             follower=follower,

@@ -33,6 +33,8 @@ class OpenEvent(NamedTuple):
     """Largest |reading - estimate| of the location."""
     deviation_mps: float
     """The same of the speed."""
+    confidence: float
+    """Probability of kind and sensor."""
 
 
 class OpenMiss(NamedTuple):

@@ -3,6 +3,7 @@
 import { readAddress, writeAddress } from "./address.js";
 import { AlertList } from "./alerts.js";
 import { download, toCsv } from "./csv.js";
+import { DesktopNotices } from "./desktop.js";
 import { $, el, instant, localTime, setText } from "./dom.js";
 import { EvidencePanel } from "./evidence.js";
 import { HandlingPanel, handlingText } from "./handling.js";
@@ -35,6 +36,7 @@ const history = new History(store, chooseEvent);
 const alerts = new AlertList(chooseEvent, render);
 const vehicles = new VehicleList(chooseVehicle, render);
 const road = new Road($("road"), $("tip"), store, choosePair);
+const desktop = new DesktopNotices();
 const handling = new HandlingPanel(store);
 const renderTiles = tiles();
 const renderLegend = legend($("legend"));
@@ -94,7 +96,8 @@ function render() {
   renderLegend(tally);
   $("road-empty").hidden = pairs.length > 0;
   $("road").setAttribute("aria-label", `${pairs.length} vehicles, ${tally.anomalous ?? 0} anomalous, ${tally.silent ?? 0} silent`);
-  renderStatus(store, quietMs());
+  const faulty = renderStatus(store, quietMs());
+  if (store.connection) desktop.take(faulty);
   if (!wanted) writeAddress({ ...filter, car: suspect, event: evidence.chosen, from: isoOf("from"), to: isoOf("to") });
 }
 

@@ -3,7 +3,7 @@
 import { $, duration, setText } from "./dom.js";
 import { openVehicles } from "./vehicles.js";
 
-/** Renders both; `quietMs` is how long the dashboard has sent nothing. */
+/** Renders both, and returns the faulty vehicles; `quietMs` is how long the dashboard has sent nothing. */
 export function renderStatus(store, quietMs) {
   const [state, text] = quietMs > 0 ? ["blind", `BLIND: no contact with the dashboard for ${duration(quietMs / 1000)}`] : statusOf(store);
   $("status").dataset.state = state;
@@ -14,6 +14,7 @@ export function renderStatus(store, quietMs) {
   document.body.dataset.stale = String(quietMs > 0);
   const { faulty } = openVehicles(store);
   document.title = faulty.length ? `(${faulty.length}) headway` : "headway";
+  return faulty;
 }
 
 /** "ok", "alarm", "warn", "blind" or "waiting", and what is written. */
