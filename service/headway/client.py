@@ -240,11 +240,11 @@ class BusFeed:
             for site, keys in self._keys.items()
             for expression, model in (
                 (keys.every_alert, Event),
-                (keys.every_health, Health),
                 (keys.every_pair_state, PairState),
                 (keys.every_rejected, RejectedCopy),
                 (keys.every_quality, SensorQuality),
                 (keys.every_handled, Handling),
+                (keys.every_health, Health),  # the last: once health arrives, all the others do
             )
             if model in messages
         ]
