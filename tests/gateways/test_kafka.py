@@ -138,6 +138,9 @@ def test_a_broker_that_goes_under_load_and_comes_back(cluster: Cluster, queue: F
     assert set(numbers_in(queue)) >= taken
     assert running.consumer.lost == 0
     until(lambda: running.consumer.problem is None)
+    connection = running.consumer.connection
+    assert (connection.disconnections, connection.sessions_lost) == (1, 0)
+    assert connection.absent_s > 0.0
     running.stop()
 
 
@@ -159,6 +162,20 @@ def test_offsets_that_are_skipped_are_counted_as_lost(cluster: Cluster, queue: F
     assert consumer._frame(Message(20, error)) is None  # type: ignore[arg-type]
     assert consumer.lost == 3
     consumer.close()
+
+
+def test_a_member_that_comes_back_goes_on_where_it_was(cluster: Cluster, queue: FrameQueue) -> None:
+    """What came while the group was away is received by the one that joins next, and nothing is skipped."""
+    produce(cluster.brokers, range(100))
+    first = Running(queue, cluster.brokers)
+    until(lambda: queue.received == 100)
+    first.stop()
+    produce(cluster.brokers, range(100, 200))
+    second = Running(queue, cluster.brokers)
+    until(lambda: queue.received == 200, 60.0)
+    assert numbers_in(queue) == list(range(200))
+    assert second.consumer.lost == 0
+    second.stop()
 
 
 def test_alerts_are_keyed_by_their_suspect(cluster: Cluster) -> None:

@@ -4,8 +4,10 @@ import json
 import shutil
 import subprocess
 import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from gateways.gateway_process import running
@@ -27,14 +29,15 @@ needs_broker = pytest.mark.skipif(MOSQUITTO is None, reason="needs mosquitto (De
 
 
 class Broker:
-    """One mosquitto on a port of its own, which keeps its sessions over a restart."""
+    """One mosquitto on a port of its own, which may keep its sessions over a restart."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, persistence: str = "true") -> None:
         self.port = int(free_endpoint().rpartition(":")[2])
         self._file = folder / "mosquitto.conf"
         self._file.write_text(
-            f"listener {self.port} 127.0.0.1\nallow_anonymous true\npersistence true\n"
-            f"persistence_location {folder}/\nautosave_interval 1\nmax_queued_messages 0\nuser root\n"
+            f"listener {self.port} 127.0.0.1\nallow_anonymous true\npersistence {persistence}\n"
+            f"persistence_location {folder}/\nautosave_interval 1\nautosave_on_changes true\n"
+            "max_queued_messages 0\nuser root\n"
         )
         self.start()
 
@@ -48,8 +51,9 @@ class Broker:
 
 
 @pytest.fixture
-def broker(tmp_path: Path) -> Iterator[Broker]:
-    broker = Broker(tmp_path)
+def broker(tmp_path: Path, request: pytest.FixtureRequest) -> Iterator[Broker]:
+    """A broker that keeps its sessions; with the parameter `false`, one that keeps none."""
+    broker = Broker(tmp_path, getattr(request, "param", "true"))
     yield broker
     broker.kill()
 
@@ -76,54 +80,68 @@ class Sender:
         self.client.loop_stop()
 
 
-@needs_broker
-def test_topics_are_patterns_and_the_topic_is_the_source(broker: Broker) -> None:
-    queue = FrameQueue(1000, 60_000)
-    gateway, sender = (
-        MqttClient(queue, f"127.0.0.1:{broker.port}", "gw", ["5g/outQueue/v2x/cam/+/#"]),
-        Sender(broker.port),
-    )
-    until(lambda: gateway.problem is None)
-    until(lambda: sender.send(7) or len(queue))
-    (frame, *_) = queue.take(1, 60_000)
-    assert (json.loads(frame.payload), frame.source) == ({"n": 7}, "5g/outQueue/v2x/cam/7/0/1/2/3")
-    sender.close()
-    gateway.close()
+class Linked(NamedTuple):
+    """A gateway that a message of the sender has reached."""
+
+    queue: FrameQueue
+    gateway: MqttClient
+    sender: Sender
+
+    def send(self, numbers: range) -> None:
+        for number in numbers:
+            self.sender.send(number)
+
+    def receive(self, numbers: range) -> set[int]:
+        """Wait until these have come; return all that have."""
+        received: set[int] = set()
+
+        def are_there() -> bool:
+            received.update(json.loads(frame.payload)["n"] for frame in self.queue.take(1000, 10**9))
+            return set(numbers) <= received
+
+        until(are_there)
+        return received
 
 
-@needs_broker
-def test_a_broker_killed_under_load_and_started_again(broker: Broker) -> None:
-    """What the broker acknowledged after its restart arrives; the gateway counts the break and goes on."""
+@pytest.fixture
+def linked(broker: Broker) -> Iterator[Linked]:
     queue = FrameQueue(100_000, 60_000)
-    gateway, sender = (
-        MqttClient(queue, f"127.0.0.1:{broker.port}", "gw", ["5g/outQueue/v2x/cam/+/#"]),
-        Sender(broker.port),
-    )
+    gateway = MqttClient(queue, f"127.0.0.1:{broker.port}", "gw", ["5g/outQueue/v2x/cam/+/#"])
+    sender = Sender(broker.port)
     until(lambda: gateway.problem is None)
     until(lambda: sender.send(0) or len(queue))
-    number = 1
-    for _ in range(500):
-        sender.send(number)
-        number += 1
-    broker.kill()
-    until(lambda: gateway.problem is not None)
-    broker.start()
-    until(lambda: gateway.problem is None and sender.client.is_connected())
-    first_after = number
-    for _ in range(500):
-        sender.send(number)
-        number += 1
-    until(lambda: set(range(first_after, number)) <= sender.taken)
-    received: set[int] = set()
-
-    def all_there() -> bool:
-        received.update(json.loads(frame.payload)["n"] for frame in queue.take(1000, 10**9))
-        return set(range(first_after, number)) <= received
-
-    until(all_there)
-    assert gateway.disconnections == 1
+    yield Linked(queue, gateway, sender)
     sender.close()
     gateway.close()
+
+
+@needs_broker
+def test_topics_are_patterns_and_the_topic_is_the_source(linked: Linked) -> None:
+    (frame, *_) = linked.queue.take(1, 60_000)
+    assert (json.loads(frame.payload), frame.source) == ({"n": 0}, "5g/outQueue/v2x/cam/0/0/1/2/3")
+
+
+@needs_broker
+@pytest.mark.parametrize(("broker", "sessions_lost"), [("true", 0), ("false", 1)], indirect=["broker"])
+def test_a_broker_killed_under_load_and_started_again(broker: Broker, linked: Linked, sessions_lost: int) -> None:
+    """What the broker acknowledged after its restart arrives; the break, its length and what it cost are named."""
+    connection = linked.gateway.connection
+    linked.send(range(1, 501))
+    killed_s = time.monotonic()
+    broker.kill()
+    until(lambda: linked.gateway.problem is not None)
+    lost_s = time.monotonic()
+    broker.start()
+    until(lambda: linked.gateway.problem is None)
+    back_s = time.monotonic()
+    until(linked.sender.client.is_connected)
+    after = range(501, 1001)
+    linked.send(after)
+    until(lambda: set(after) <= linked.sender.taken)
+    linked.receive(after)
+    assert (connection.disconnections, connection.sessions_lost) == (1, sessions_lost)
+    assert 0.0 < connection.absent_s <= back_s - killed_s
+    assert connection.absent_s >= back_s - lost_s - 0.5
 
 
 @needs_broker

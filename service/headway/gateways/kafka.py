@@ -12,6 +12,7 @@ import confluent_kafka
 import structlog
 
 from headway.errors import UserError
+from headway.gateways.connection import Connection
 from headway.gateways.frame_queue import FrameQueue
 from headway_schemas.frames import Frame
 
@@ -61,9 +62,9 @@ class KafkaConsumer:
         options: dict[str, str] | None = None,
     ) -> None:
         self._queue = queue
-        self._down: str | None = "no connection to the broker"
+        self.connection = Connection()
         self._next_offset: dict[tuple[str, int], int] = {}
-        self.lost = self.disconnections = 0
+        self.lost = 0
         try:
             self._consumer = confluent_kafka.Consumer(
                 {
@@ -83,7 +84,7 @@ class KafkaConsumer:
     @property
     def problem(self) -> str | None:
         """Why nothing can come; None: partitions are assigned and a broker answers."""
-        return self._down
+        return None if self.connection.is_up else "no broker answers"
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Consume until it is stopped."""
@@ -91,7 +92,7 @@ class KafkaConsumer:
             messages = self._consumer.consume(_AT_ONCE, _POLL_S)
             frames = [frame for message in messages if (frame := self._frame(message)) is not None]
             if frames:
-                self._down = None
+                self.connection.up()
                 self._queue.put(frames)
 
     def close(self) -> None:
@@ -112,14 +113,12 @@ class KafkaConsumer:
 
     def _on_assign(self, _consumer: object, partitions: Sequence[object]) -> None:
         if partitions:
-            self._down = None
+            self.connection.up()
             _log.info("partitions assigned", count=len(partitions))
 
     def _on_error(self, error: confluent_kafka.KafkaError) -> None:
-        if error.code() in _UNREACHABLE and self._down is None:
-            self.disconnections += 1
-            self._down = "no broker answers"
-            _log.warning("broker lost", error=error.str(), disconnections=self.disconnections)
+        if error.code() in _UNREACHABLE:
+            self.connection.down(error.str())
 
 
 class KafkaAlerts:
@@ -131,11 +130,11 @@ class KafkaAlerts:
         An option is no option of librdkafka.
     """
 
-    lost = disconnections = 0
+    lost = 0
 
     def __init__(self, brokers: str, topic: str, options: dict[str, str] | None = None) -> None:
         self._topic = topic
-        self.problem: str | None = None
+        self.connection = Connection(is_up=True)
         try:
             self._producer = confluent_kafka.Producer(
                 {
@@ -148,6 +147,11 @@ class KafkaAlerts:
             )
         except confluent_kafka.KafkaException as error:
             raise UserError(f"kafka {brokers}: {error}") from None
+
+    @property
+    def problem(self) -> str | None:
+        """Why the newest alert was not taken; None: it was."""
+        return None if self.connection.is_up else "no broker takes the alerts"
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Nothing comes from here."""
@@ -165,7 +169,10 @@ class KafkaAlerts:
         if not delivered:
             self._producer.purge()
             self._producer.poll(_POLL_S)
-        self.problem = None if delivered == [True] else "no broker takes the alerts"
+        if delivered == [True]:
+            self.connection.up()
+        else:
+            self.connection.down("alert not taken")
         return delivered == [True]
 
     def close(self) -> None:

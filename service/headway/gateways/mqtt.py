@@ -14,6 +14,7 @@ from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.reasoncodes import ReasonCode
 
 from headway.errors import UserError
+from headway.gateways.connection import Connection
 from headway.gateways.frame_queue import FrameQueue
 from headway_schemas.frames import Frame
 
@@ -47,8 +48,9 @@ class MqttClient:
         self._queue = queue
         self._topics = topics
         self._topic = topic
-        self.disconnections = 0
-        self._connected = False
+        self.connection = Connection()
+        self._is_known = False
+        """Whether the broker has had a session of this client in this run."""
         host, port = host_port(broker, PORT)
         self._client = paho.Client(CallbackAPIVersion.VERSION2, client_id=client_id, clean_session=False)
         self._client.reconnect_delay_set(*_RETRY_S)
@@ -60,13 +62,13 @@ class MqttClient:
 
     @property
     def lost(self) -> int:
-        """0: a broker does not tell what it dropped. Gaps in the counts of the vehicles show it at the service."""
+        """0: a broker does not tell how many messages it dropped; see `Connection.sessions_lost`."""
         return 0
 
     @property
     def problem(self) -> str | None:
         """Whether the broker is connected."""
-        return None if self._connected else "no connection to the broker"
+        return None if self.connection.is_up else "no connection to the broker"
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Receive until it is stopped."""
@@ -75,7 +77,7 @@ class MqttClient:
 
     def send(self, frame: Frame) -> bool:
         """Publish an alert and wait until the broker has it; False if it is not there."""
-        if not self._connected:
+        if not self.connection.is_up:
             return False
         place = frame.source.partition("/")[2]
         published = self._client.publish(f"{self._topic}/{place}", frame.payload, _AT_LEAST_ONCE)
@@ -91,12 +93,15 @@ class MqttClient:
         self._client.loop_stop()
 
     def _on_connect(
-        self, client: paho.Client, _data: object, _flags: object, reason: ReasonCode, _properties: object
+        self, client: paho.Client, _data: object, flags: paho.ConnectFlags, reason: ReasonCode, _properties: object
     ) -> None:
         if reason.is_failure:
             _log.warning("broker refuses", reason=str(reason))
             return
-        self._connected = True
+        if self._is_known and self._topics and not flags.session_present:
+            self.connection.forgotten()
+        self._is_known = True
+        self.connection.up()
         _log.info("broker connected", topics=list(self._topics))
         if self._topics:
             client.subscribe([(topic, _AT_LEAST_ONCE) for topic in self._topics])
@@ -104,10 +109,7 @@ class MqttClient:
     def _on_disconnect(
         self, _client: paho.Client, _data: object, _flags: object, reason: ReasonCode, _properties: object
     ) -> None:
-        if self._connected:
-            self._connected = False
-            self.disconnections += 1
-            _log.warning("broker lost", reason=str(reason), disconnections=self.disconnections)
+        self.connection.down(str(reason))
 
     def _on_message(self, _client: paho.Client, _data: object, message: paho.MQTTMessage) -> None:
         self._queue.put([Frame(bytes(message.payload), time.time_ns() // 1000, message.topic)])

@@ -38,7 +38,7 @@ class UdpReceiver:
         A port is not available.
     """
 
-    disconnections = 0
+    connection = None
 
     def __init__(self, queue: FrameQueue, host: str, ports: Sequence[int]) -> None:
         self._queue = queue

@@ -12,6 +12,7 @@ from prometheus_client.registry import Collector
 from headway.edge.telemetry.http_server import HttpServer
 from headway.edge.telemetry.metrics import CONTENT_TYPE
 from headway.errors import UserError
+from headway.gateways.connection import Connection
 from headway.gateways.frame_queue import FrameQueue
 from headway_schemas.frames import Frame
 
@@ -26,8 +27,8 @@ class Feed(Protocol):
         """Messages that are known to be lost before they reached the gateway."""
 
     @property
-    def disconnections(self) -> int:
-        """How often the connection to a broker was lost."""
+    def connection(self) -> Connection | None:
+        """The connection to a broker; None without one."""
 
     @property
     def problem(self) -> str | None:
@@ -95,6 +96,12 @@ class _Metrics(Collector):
             dropped.add_metric([reason], count)
         yield dropped
         yield CounterMetricFamily("headway_gateway_lost", "Messages lost before the gateway.", value=self.feed.lost)
-        breaks = self.feed.disconnections
-        yield CounterMetricFamily("headway_gateway_disconnections", "Losses of the broker's connection.", value=breaks)
+        connection = self.feed.connection
+        if connection is not None:
+            for name, what, value in (
+                ("disconnections", "Losses of the broker's connection.", connection.disconnections),
+                ("absent_seconds", "Time without the broker.", connection.absent_s),
+                ("sessions_lost", "Times the broker lost what it kept for the gateway.", connection.sessions_lost),
+            ):
+                yield CounterMetricFamily(f"headway_gateway_{name}", what, value=value)
         yield GaugeMetricFamily("headway_gateway_waiting", "Messages that wait.", value=len(self.queue))
