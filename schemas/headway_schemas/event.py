@@ -75,7 +75,13 @@ class Observation(StrEnum):
     IDENTITY = "identity"
     """The position goes back and forth between two places: two senders with one id."""
     CONTRADICTION = "contradiction"
-    """Two messages of one id and one time differ."""
+    """Two messages of one id and one time differ, or one is from where the vehicle was not."""
+    JERK = "jerk"
+    """The acceleration changes faster than in any car."""
+    OVERLAP = "overlap"
+    """The vehicle drives in the place of another one, which was there before."""
+    APPEARANCE = "appearance"
+    """The vehicle was first received in motion, in the middle of observed road."""
 
 
 class EtsiTarget(IntEnum):

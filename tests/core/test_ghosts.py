@@ -1,7 +1,7 @@
 """Senders that do not exist, and senders under the id of another: whom the events name."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -12,6 +12,7 @@ from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import Phase
 
+METRES_PER_DEGREE_EAST = 82_850.0  # of longitude at 42 degrees north
 LENGTH_M = 4.5
 DELAY_US = 20_000
 NOISE = 0.02
@@ -39,8 +40,10 @@ Record = tuple[str, str, float, float, float, float]
 """True sender, id, place (m), speed (m/s), event time and receive time (s after the start)."""
 
 
-def play(seed: int, rounds: Iterator[list[Record]], **declared: object) -> Scene:
-    """Take the records of each tenth of a second through an engine."""
+def play(
+    seed: int, rounds: Iterator[list[Record]], accuracy_m: float = np.nan, aside_m: float = 0.0, **declared: object
+) -> Scene:
+    """Take the records of each tenth of a second through an engine; the ghost is `aside_m` to the right."""
     rng, engine, scene = np.random.default_rng(seed), Engine(DetectorConfig(vehicle_capacity=16)), Scene()
     for k, records in enumerate(rounds):
         senders, ids, x_m, v_mps, t_s, received_s = zip(*records, strict=True)
@@ -48,6 +51,8 @@ def play(seed: int, rounds: Iterator[list[Record]], **declared: object) -> Scene
         noisy_m, noisy_mps = (np.array(values) + rng.normal(0.0, NOISE, len(ids)) for values in (x_m, v_mps))
         ranges = {name: value(k, ids) for name, value in declared.items() if callable(value)}
         made = batch(list(ids), noisy_m, noisy_mps, t_us, k % 128, received_us, **ranges)
+        made = replace(made, accuracy_m=np.full(len(ids), accuracy_m), lon_deg=made.lon_deg.copy())
+        made.lon_deg[made.ids == b"ghost"] += aside_m / METRES_PER_DEGREE_EAST
         result = engine.step(made, int(received_us.max()))
         for sender, outcome in zip(senders, result.outcomes.tolist(), strict=True):
             scene.outcomes.setdefault(sender, []).append(Outcome(outcome).label)
@@ -132,6 +137,23 @@ def test_a_range_that_only_a_ghost_declares_names_the_ghost(seed: int, off_m: fl
         leader_ids=lambda _k, _ids: [None, "honest"],
     )
     assert scene.named == {"ghost"}
+
+
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize(
+    ("since_s", "aside_m", "named"), [(30.0, 0.3, {"ghost"}), (30.0, 3.2, set()), (0.0, 0.3, set())]
+)
+def test_a_ghost_that_comes_into_the_place_of_a_car_is_named(
+    seed: int, since_s: float, aside_m: float, named: set[str]
+) -> None:
+    """One in the next lane, and one of which nobody knows whether it was there before, are not."""
+    ids = ["honest0", "honest1", "ghost"]
+    x_m, v_mps = platoon(seed, 2, 25.0)
+    x_m, v_mps = x_m[:, [0, 1, 1]], v_mps[:, [0, 1, 1]]
+    rounds = (records if k >= 10 * since_s else records[:2] for k, records in enumerate(row(ids, x_m, v_mps)))
+    scene = play(seed, rounds, accuracy_m=0.3, aside_m=aside_m)
+    assert scene.named == named
+    assert set().union(*scene.observations.values()) == ({"overlap"} if named else set())
 
 
 def one_id(

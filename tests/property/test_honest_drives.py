@@ -55,7 +55,17 @@ def test_honest_drives_break_no_limit(seed, of):
     drive.v_mps = np.round(drive.v_mps / of["resolution_mps"]) * of["resolution_mps"]
     drive.t_s = t_s + rng.normal(0, of["jitter_s"], N).clip(-0.045, 0.045)
     kept = rng.random(N) >= of["lost"]
-    for name in ("t_s", "east_m", "north_m", "v_mps", "heading_deg", "accuracy_m", "contradictions"):
+    for name in (
+        "t_s",
+        "east_m",
+        "north_m",
+        "v_mps",
+        "heading_deg",
+        "accuracy_m",
+        "contradictions",
+        "overlapped",
+        "appeared",
+    ):
         setattr(drive, name, getattr(drive, name)[kept])
     judged = drive.check()
     assert observed(judged) == set()

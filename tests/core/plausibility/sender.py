@@ -24,7 +24,7 @@ class Drive:
         self.north_m = np.cumsum(self.v_mps * np.cos(course)) * step_s
         self.heading_deg = np.degrees(course) % 360
         self.accuracy_m = np.full(n, np.nan)
-        self.contradictions = np.zeros(n)
+        self.contradictions, self.overlapped, self.appeared = np.zeros(n), np.zeros(n), np.zeros(n)
 
     def readings(self):
         """Return the drive as it is now, as READING (n,)."""
@@ -35,7 +35,8 @@ class Drive:
             np.diff(self.north_m, prepend=self.north_m[0]),
         )
         made["heading_deg"], made["accuracy_m"] = self.heading_deg, self.accuracy_m
-        made["contradictions"] = self.contradictions
+        for name in ("contradictions", "overlapped", "appeared"):
+            made[name] = getattr(self, name)
         return made
 
     def check(self):

@@ -196,3 +196,31 @@ def test_what_stands_for_hours_is_not_learnt():
     drive = cruise(np.random.default_rng(20), seconds=3600.0)
     drive.v_mps += 5.0
     assert stands(drive.check(), drive, Sensor.SPEED, BIRTH_S) == 1.0
+
+
+@pytest.mark.parametrize("swing_mps", [0.8, 0.95])
+def test_a_speed_that_swings_faster_than_any_car_is_a_jerk(swing_mps):
+    drive = cruise(np.random.default_rng(30))
+    drive.v_mps += np.where(np.arange(drive.t_s.size) % 2, swing_mps, -swing_mps)
+    judged = drive.check()
+    assert observed(judged) == {"jerk"}
+    assert stands(judged, drive, Sensor.SPEED, 2.0) == 1.0
+
+
+@pytest.mark.parametrize("noise_mps", [0.05, 0.2, 0.3])
+def test_noise_of_a_receiver_and_a_full_brake_to_rest_are_no_jerk(noise_mps):
+    rng, t_s = np.random.default_rng(31), 0.1 * np.arange(300)
+    decel_mps2 = np.clip(20.0 * (t_s - 10.0), 0.0, 8.0)
+    drive = Drive(rng, np.maximum(15.0 - np.cumsum(decel_mps2) * 0.1, 0.0))
+    drive.v_mps = np.maximum(drive.v_mps + rng.normal(0, noise_mps, t_s.size), 0.0)
+    assert "jerk" not in observed(drive.check())
+
+
+@pytest.mark.parametrize(("name", "sensor"), [("overlapped", Sensor.LOCATION), ("appeared", Sensor.LINK)])
+def test_what_neighbours_and_coverage_show_stands_while_they_do(name, sensor):
+    drive = cruise(np.random.default_rng(32))
+    setattr(drive, name, ((drive.t_s >= 10.0) & (drive.t_s < 12.0)).astype(float))
+    judged = drive.check()
+    assert observed(judged) == {{"overlapped": "overlap", "appeared": "appearance"}[name]}
+    assert stands(judged, drive, sensor, 10.0, 12.0) == 1.0
+    assert not judged["observed"][drive.t_s >= 12.0].any()

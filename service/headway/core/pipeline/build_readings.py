@@ -9,6 +9,8 @@ from numba import njit
 from headway.core.pipeline.estimates import estimate_before
 from headway.core.pipeline.ordering import SLOT_US
 from headway.core.pipeline.tables import Tables
+from headway.core.tracking.coverage import is_appearing
+from headway.core.tracking.overlap import is_named
 from headway.core.tracking.pairing import NO_LEADER
 from headway.core.types.batch import I64, Columns
 from headway.core.types.records import READING, Records
@@ -33,6 +35,7 @@ def build_readings(tables: Tables, batch: Columns, rows: I64, places: I64, decla
         z.v_mps = track.v_mps
         z.east_m, z.north_m = track.step_east_m, track.step_north_m
         z.heading_deg, z.accuracy_m = batch.heading_deg[places[i]], track.accuracy_m
+        z.overlapped, z.appeared = is_named(track), is_appearing(track)
         z.contradictions, track.contradictions = track.contradictions, 0
         pair, leaders[i] = tables.pairing[rows[i]], NO_LEADER
         if pair.leader_row == NO_LEADER or pair.generation != track.generation:

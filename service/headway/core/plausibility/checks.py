@@ -15,11 +15,14 @@ from headway.core.plausibility.limits import Limits
 from headway.core.plausibility.speed import observe_speed
 from headway.core.plausibility.state import (
     ACCELERATION,
+    APPEARANCE,
     CONTRADICTION,
     HEADING,
     IDENTITY,
     INTERVAL,
+    JERK,
     ODD_READING,
+    OVERLAP,
     POSITION_CHANGE,
     POSITION_FROZEN,
     POSITION_SPEED,
@@ -83,6 +86,7 @@ def _advance(row: Any, z: Any, east: float, north: float, p: Limits) -> None:
     row.count += 1
     row.position_score *= faded
     row.speed_score *= faded
+    row.jerk_score *= faded
     row.heading_score *= faded
     row.jumps[0] *= retained
     row.jumps[1] *= retained
@@ -96,8 +100,10 @@ def _advance(row: Any, z: Any, east: float, north: float, p: Limits) -> None:
     stands = _stands(row, POSITION_CHANGE, row.position_score) | _stands(row, HEADING, row.heading_score)
     stands |= _stands(row, SPEED_CHANGE, row.speed_score) | _stands(row, CONTRADICTION, row.contradictions)
     stands |= _stands(row, POSITION_SPEED, max(row.short_ms, row.long_ms) / p.mismatch_ms)
+    stands |= _stands(row, JERK, row.jerk_score)
     stands |= _stands(row, INTERVAL, row.surplus / p.burst)
     stands |= step & (SPEED_VALUE | SPEED_FROZEN | POSITION_FROZEN)
+    stands |= (OVERLAP if z.overlapped > 0.0 else 0) | (APPEARANCE if z.appeared > 0.0 else 0)
     if stands & POSITION_CHANGE and row.returns >= _IDENTITY_RETURNS:
         stands |= IDENTITY
     stands |= _changed_motion(row, step, quiet, before_mps, dt_s)
@@ -149,8 +155,8 @@ def sensor_of(row: Any) -> int:
     seen = row.observed
     if seen & ACCELERATION:
         return _BOTH
-    position = seen & (POSITION_CHANGE | POSITION_FROZEN | IDENTITY | CONTRADICTION) != 0
-    speed = seen & (SPEED_CHANGE | SPEED_FROZEN | SPEED_VALUE) != 0
+    position = seen & (POSITION_CHANGE | POSITION_FROZEN | IDENTITY | CONTRADICTION | OVERLAP) != 0
+    speed = seen & (SPEED_CHANGE | SPEED_FROZEN | SPEED_VALUE | JERK) != 0
     if seen & POSITION_SPEED and not (position or speed):
         return int(row.mismatch_sensor)
     if position and speed:
@@ -159,7 +165,7 @@ def sensor_of(row: Any) -> int:
         return _LOCATION if position else _SPEED
     if seen & HEADING:
         return _HEADING
-    return _LINK if seen & INTERVAL else 0
+    return _LINK if seen & (INTERVAL | APPEARANCE) else 0
 
 
 @njit(cache=True, error_model="numpy")
@@ -176,9 +182,9 @@ def kind_of(row: Any) -> int:
 @njit(cache=True, error_model="numpy")
 def score_of(row: Any, p: Limits) -> float:
     """Return the largest score of the standing observations, 1 being the limit."""
-    worst = max(row.position_score, row.speed_score, row.heading_score, row.contradictions)
+    worst = max(row.position_score, row.speed_score, row.jerk_score, row.heading_score, row.contradictions)
     worst = max(worst, row.short_ms / p.mismatch_ms, row.long_ms / p.mismatch_ms, row.surplus / p.burst)
-    if row.observed & (SPEED_VALUE | SPEED_FROZEN | POSITION_FROZEN | ACCELERATION):
+    if row.observed & (SPEED_VALUE | SPEED_FROZEN | POSITION_FROZEN | ACCELERATION | OVERLAP | APPEARANCE):
         worst = max(worst, 1.0)
     return float(worst)
 

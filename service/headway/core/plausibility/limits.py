@@ -14,6 +14,9 @@ class Limits(NamedTuple):
     """Highest speed of a road vehicle: production cars are limited to 250 km/h."""
     accel_mps2: float = 12.0
     """Highest change of speed: tyres on dry asphalt hold 1.0 to 1.2 g (Rajamani, Vehicle Dynamics, 2012)."""
+    jerk_mps3: float = 40.0
+    """Highest change of acceleration: twice that of emergency brakes (14 m/s3 in UN R157, 21 m/s3 at 80 km/h in
+    Sensors 2021, 21(4), 1427)."""
     speed_slack_mps: float = 0.8
     """Change of speed between two messages that is never too large: steps of 1 mph and 3 sigma of Doppler noise."""
     speed_excess_mps: float = 2.5

@@ -13,7 +13,7 @@ from typing import Any
 from numba import njit
 
 from headway.core.plausibility.limits import Limits
-from headway.core.plausibility.state import ODD_READING, SPEED_CHANGE, SPEED_FROZEN, SPEED_VALUE
+from headway.core.plausibility.state import JERK, ODD_READING, SPEED_CHANGE, SPEED_FROZEN, SPEED_VALUE
 
 _RUN_LOG_PROBABILITY = -18.0  # ln of how often a run of equal speeds may be that long by chance
 _DITHERS_MIN = 50.0
@@ -41,6 +41,8 @@ def observe_speed(row: Any, dt_s: float, v_mps: float, p: Limits) -> int:
             row.speed_score = 0.0
         row.jumps[1] += 1.0
         row.odd_from_mps = row.v_mps
+    if v_mps != row.v_mps and _change_speed(row, v_mps - row.v_mps, since_s, p):
+        observed |= JERK
     if v_mps > _MOVING_MPS and row.v_mps > _MOVING_MPS and dt_s < _STEADY_S:
         if is_frozen(row, v_mps):
             observed |= SPEED_FROZEN
@@ -50,6 +52,28 @@ def observe_speed(row: Any, dt_s: float, v_mps: float, p: Limits) -> int:
         row.speed_interval_s = min(1.01 * row.speed_interval_s, since_s, _HELD_MOST_S)
         row.speed_since_s = row.t_s + dt_s
     return observed
+
+
+@njit(cache=True, error_model="numpy")
+def _change_speed(row: Any, change_mps: float, since_s: float, p: Limits) -> bool:
+    """Compare a change of the speed within `since_s` with the one before it; return whether the jerk is too large.
+
+    Each of the two alone is within the limits of a change, or it is none of this check.
+    """
+    before_mps, before_s = row.speed_change_mps, row.speed_change_s
+    row.speed_change_mps, row.speed_change_s = change_mps, since_s
+    least_s = min(since_s, before_s)
+    if before_s == 0.0 or max(since_s, before_s) > _STEADY_S:
+        return False
+    if max(abs(change_mps) / since_s, abs(before_mps) / before_s) > p.accel_mps2 + p.speed_slack_mps / least_s:
+        return False
+    jerk_mps2 = abs(change_mps / since_s - before_mps / before_s) - p.jerk_mps3 * 0.5 * (since_s + before_s)
+    excess_mps = least_s * (jerk_mps2 - p.speed_slack_mps * (1.0 / since_s + 1.0 / before_s))
+    if excess_mps <= 0.0:
+        return False
+    row.jerk_score = min(row.jerk_score + excess_mps / p.speed_excess_mps, 2.0)
+    row.jumps[1] += 0.5
+    return True
 
 
 @njit(cache=True, error_model="numpy")

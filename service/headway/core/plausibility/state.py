@@ -39,6 +39,8 @@ PLAUSIBILITY = np.dtype(
         ("fixes", "f4", (FIXES, 4)),  # ring of EAST, NORTH, WAY, SPEED
         ("before_mps", "f8"),  # speed one second ago
         ("speed_since_s", "f8"),  # when the speed last became another
+        ("speed_change_mps", "f8"),  # by how much,
+        ("speed_change_s", "f8"),  # and within which time
         ("speed_interval_s", "f8"),  # shortest time between two such changes of late
         ("repeats", "f8"),  # messages since then
         ("speed_step", "f8"),  # last change of the speed, m/s
@@ -48,6 +50,7 @@ PLAUSIBILITY = np.dtype(
         ("dithers", "f8"),  # second differences taken
         ("position_score", "f8"),  # evidence of each check; 1 is an observation
         ("speed_score", "f8"),
+        ("jerk_score", "f8"),
         ("heading_score", "f8"),
         ("short_ms", "f8"),  # accumulated mismatch of speed and displacement over one second,
         ("long_ms", "f8"),  # and over four
@@ -80,3 +83,6 @@ HEADING = int(Observation.HEADING)
 IDENTITY = int(Observation.IDENTITY)
 INTERVAL = int(Observation.INTERVAL)
 CONTRADICTION = int(Observation.CONTRADICTION)
+JERK = int(Observation.JERK)
+OVERLAP = int(Observation.OVERLAP)
+APPEARANCE = int(Observation.APPEARANCE)

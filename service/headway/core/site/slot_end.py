@@ -7,17 +7,20 @@ from headway.core.pipeline.ordering import SLOT_US
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.runtime.bound_kernel import bind_signature
 from headway.core.site.state import SiteState
-from headway.core.tracking.coverage import enter_cell
+from headway.core.tracking.coverage import enter_cell, judge_appearance
 from headway.core.tracking.pairing import NO_LEADER, find_leaders
 from headway.core.types.batch import I64
 from headway.core.types.step_result import StepTally
 
 
 @njit(cache=True, error_model="numpy")
-def end_slot(tables: Tables, rows: I64, declared_rows: I64, now_us: int, params: RoundParams) -> int:
+def end_slot(
+    tables: Tables, rows: I64, declared_rows: I64, now_us: int, receiving_since_us: int, params: RoundParams
+) -> int:
     """Enter the cell of each of `rows` (n,) and search its leader, both in this order; return how many changed."""
     for i in range(rows.size):
         enter_cell(tables.coverage, tables.tracks[rows[i]])
+        judge_appearance(tables.tracks, rows[i], now_us, receiving_since_us)
     changed = np.empty(rows.size, np.bool_)
     return find_leaders(
         tables.tracks,
@@ -60,4 +63,5 @@ class SlotEnd:
         self._due.clear()
         declared = site.declared_rows[rows]
         declared[site.first_received_us[declared] >= now_us - SLOT_US] = NO_LEADER
-        tally.leader_changes += self._end_slot(site.tables, rows, declared, now_us, site.params)
+        since_us = max(site.reception.receiving_since_us, site.reception.outage_until_us)
+        tally.leader_changes += self._end_slot(site.tables, rows, declared, now_us, since_us, site.params)

@@ -38,7 +38,7 @@ SHOWN_STD = 6.0
 TURN_COS_MIN = 0.5
 """No vehicle turns by more than 60 degrees within one spacing."""
 
-SLIP_STD = 4.0
+SIDESLIP_STD = 4.0
 """Standard deviations of a reading's innovation by which a chord must leave its mean heading to show a sideslip."""
 
 _TURN_SIN_MIN = 0.05  # 3 degrees within a chord: at a radius of 60 m or less
@@ -84,8 +84,8 @@ def update_odometer(track: Any, heading_deg: float) -> None:
     else:
         mean_east = track.base_heading_east + track.heading_east
         mean_north = track.base_heading_north + track.heading_north
-        if track.slip != 0.0:
-            mean_east, mean_north = mean_east + track.slip * mean_north, mean_north - track.slip * mean_east
+        if track.sideslip != 0.0:
+            mean_east, mean_north = mean_east + track.sideslip * mean_north, mean_north - track.sideslip * mean_east
         ahead_m = (east_m * mean_east + north_m * mean_north) / math.hypot(mean_east, mean_north)
         ahead_m *= 1.0 + (1.0 - cosine) / 12.0
     track.odometer_std_m = 0.0
@@ -100,9 +100,9 @@ def update_odometer(track: Any, heading_deg: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def update_slip(track: Any) -> None:
+def update_sideslip(track: Any) -> None:
     """Set the sideslip by the chord from the base to the newest reading, before that becomes the base."""
-    track.slip = 0.0
+    track.sideslip = 0.0
     east, north = track.base_heading_east + track.heading_east, track.base_heading_north + track.heading_north
     length = math.hypot(east, north)
     to_the_right = track.base_heading_north * track.heading_east - track.base_heading_east * track.heading_north
@@ -112,9 +112,9 @@ def update_slip(track: Any) -> None:
     aside_m = (track.from_base_east_m * north - track.from_base_north_m * east) / length
     if to_the_right < 0.0:
         aside_m = -aside_m
-    shown_m = SLIP_STD * max(track.innovation_std_m, _RESOLUTION_M)
+    shown_m = SIDESLIP_STD * max(track.innovation_std_m, _RESOLUTION_M)
     if ahead_m > _CHORD_MIN_M and shown_m < aside_m < ahead_m:
-        track.slip = math.copysign(aside_m / ahead_m, to_the_right)
+        track.sideslip = math.copysign(aside_m / ahead_m, to_the_right)
 
 
 @njit(cache=True, error_model="numpy")

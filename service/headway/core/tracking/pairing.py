@@ -26,6 +26,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from headway.core.tracking.overlap import observe_overlap
 from headway.core.tracking.path_history import between_bases, distance_along_path
 from headway.core.tracking.spatial_index import NEAREST, REBUILD_US, Grid, build, find_near
 from headway.core.types.batch import F64, I64
@@ -128,6 +129,7 @@ def find_leaders(
             continue
         pair.search_us = track.t_us
         near_count = find_near(grid, track, row, range_m, nearby, apart_squared)
+        observe_overlap(tracks, row, nearby, apart_squared, near_count)
         out_changed[i] = _find_leader(
             tracks, pairing, row, declared_rows[i], nearby[:near_count], range_m, lane_width_m
         )

@@ -130,6 +130,7 @@ class ReceptionMonitor:
     BUCKET_US = 100_000
     BUCKETS = 600
     RECEIVING_SHARE = 0.8
+    PAUSE_US = 1_000_000
 
     def __init__(self) -> None:
         self._received: I64 = np.zeros(self.BUCKETS, np.int64)
@@ -137,9 +138,16 @@ class ReceptionMonitor:
         """Local time of the end of the last known outage."""
         self.absent_until_us = 0
         """Local time until which the service could not receive at all."""
+        self.receiving_since_us = 0
+        """Receive time of the first message after the last second without any."""
+        self._newest_us = 0
 
     def record(self, received_us: I64) -> None:
         """Record the receive times of a batch."""
+        first_us = int(received_us[0])
+        if not 0 <= first_us - self._newest_us < self.PAUSE_US:
+            self.receiving_since_us = first_us
+        self._newest_us = int(received_us[-1])
         buckets = received_us // self.BUCKET_US
         self._received[buckets % self.BUCKETS] = buckets
 

@@ -18,6 +18,7 @@ REBUILD_US = 250_000
 
 _SCAN_PER_CELL = 256  # of a cell with more entries, every n-th is examined
 _ONCOMING_COS = -0.5
+_BESIDE_M = 4.0  # a base lags its vehicle by up to one spacing, so one beside may be ahead
 _METRES_PER_DEGREE_MIN = 110_574.0  # of latitude, at the equator
 _METRES_PER_DEGREE_EQUATOR = 111_319.0  # of longitude
 
@@ -115,7 +116,7 @@ def build(grid: Grid, tracks: Records, range_m: float, now_us: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def find_near(grid: Grid, follower: Any, row: int, range_m: float, nearby: I64, apart_squared: F64) -> int:
-    """Write the rows of the vehicles nearest ahead, nearest first, none of them oncoming; return how many."""
+    """Write the rows of the vehicles nearest ahead or beside, nearest first, none oncoming; return how many."""
     cell_deg = range_m / _METRES_PER_DEGREE_MIN
     buckets = grid.bucket_start.size - 1
     lat_deg, lon_deg = follower.base_lat_deg, follower.base_lon_deg
@@ -140,7 +141,7 @@ def find_near(grid: Grid, follower: Any, row: int, range_m: float, nearby: I64, 
                 squared = east_m * east_m + north_m * north_m
                 if (
                     squared > farthest
-                    or east_m * heading_east + north_m * heading_north < 0.0
+                    or east_m * heading_east + north_m * heading_north < -_BESIDE_M
                     or entry.heading_east * heading_east + entry.heading_north * heading_north < _ONCOMING_COS
                     or entry.row == row
                 ):

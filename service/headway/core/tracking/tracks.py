@@ -18,7 +18,15 @@ from numpy.typing import NDArray
 from headway.core.runtime.prefetch import prefetch_row
 from headway.core.runtime.rows import wipe
 from headway.core.tracking.geodesy import displaced_deg, displacement_m
-from headway.core.tracking.odometer import CRUMB_SPACING_M, TURN_COS_MIN, rests, turn_cos, update_odometer, update_slip
+from headway.core.tracking.odometer import (
+    CRUMB_SPACING_M,
+    TURN_COS_MIN,
+    rests,
+    turn_cos,
+    update_odometer,
+    update_sideslip,
+)
+from headway.core.tracking.overlap import OVERLAP
 from headway.core.types.batch import F64, I64, Columns
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Records
@@ -67,7 +75,10 @@ TRACK = np.dtype(
         ("longest_interval_s", "f8"),  # its longest interval of late
         ("loss", "f8"),  # share of its messages lost of late
         ("longest_loss", "f8"),  # longest run of lost messages of late
-        ("cell_key", "i8"),  # cell of `coverage` that it was in last
+        ("cell_key", "i8"),  # cell of `coverage` that it was in last; 0: none yet
+        ("appeared_us", "i8"),  # event time of its sudden appearance; 0: none
+        ("appearance_stands", "?"),  # nothing else explains it
+        ("overlap", OVERLAP),
         ("lat_deg", "f8"),
         ("lon_deg", "f8"),
         ("step_east_m", "f8"),  # displacement between the last two readings
@@ -92,7 +103,7 @@ TRACK = np.dtype(
         ("base_north_m", "f8"),
         ("base_heading_east", "f8"),
         ("base_heading_north", "f8"),
-        ("slip", "f8"),  # tangent of the angle from heading to course, to the right, in a turn; 0: not shown
+        ("sideslip", "f8"),  # tangent of the angle from heading to course, to the right, in a turn; 0: not shown
         ("base_resting", "?"),  # the vehicle was at rest there
         ("newest_crumb", "i8"),
         ("crumb_count", "i8"),
@@ -209,12 +220,12 @@ def extend_path_history(
                 track.crumb_count = 0
             track.base_lat_deg, track.base_lon_deg = track.lat_deg, track.lon_deg
             track.base_x_m, track.base_resting = track.x_m, resting
-            update_slip(track)
+            update_sideslip(track)
             if not (track.heading_declared or resting):
                 track.heading_east, track.heading_north = east_m / apart_m, north_m / apart_m
             track.base_heading_east, track.base_heading_north = track.heading_east, track.heading_north
         else:
-            track.slip = 0.0
+            track.sideslip = 0.0
             travelled_m = v_mps[i] * track.step_s
             east_m = 0.5 * travelled_m * track.base_heading_east
             north_m = 0.5 * travelled_m * track.base_heading_north
@@ -250,7 +261,7 @@ def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     track.base_x_m = track.base_east_m = track.base_north_m = 0.0
     track.base_heading_east = track.base_heading_north = 0.0
     track.base_resting = False
-    track.slip = 0.0
+    track.sideslip = 0.0
     track.crumb_count = 0
 
 

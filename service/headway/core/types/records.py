@@ -27,6 +27,8 @@ READING = np.dtype(
         ("north_m", "f8"),
         ("heading_deg", "f8"),  # as declared; NaN: not available
         ("accuracy_m", "f8"),  # as declared, 1 sigma; NaN: never
+        ("overlapped", "f8"),  # 1 while it is in the place of another vehicle that was there before
+        ("appeared", "f8"),  # 1 after it was first received in the middle of observed road
         ("contradictions", "f8"),  # messages since the last one that one sender cannot have sent beside it
     ],
     align=True,
@@ -112,6 +114,9 @@ class Observation(IntFlag):
     INTERVAL = 1 << 8
     IDENTITY = 1 << 9
     CONTRADICTION = 1 << 10
+    JERK = 1 << 11
+    OVERLAP = 1 << 12
+    APPEARANCE = 1 << 13
 
     @property
     def label(self) -> str:
