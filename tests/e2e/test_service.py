@@ -14,8 +14,10 @@ from e2e.serving import BLOCK, KEYS, START_S, Service, drive, without_headway
 from sim.loopback import session
 from sim.until import until
 
+from headway.client import BusFeed
 from headway_schemas import Event, Health, RejectedCopy
 from headway_schemas.encodings import BSM_MSGPACK
+from headway_schemas.handling import Action, Handling, HandlingRequest
 
 
 @pytest.fixture
@@ -66,6 +68,8 @@ def test_a_lie_becomes_an_alert_and_every_message_is_accounted_for(service: Serv
     onset = events[0]
     assert (onset.phase, onset.suspect, onset.leader, onset.sensor) == ("onset", "follower", "leader", "location")
     assert onset.innovation.x_m == pytest.approx(20.0, abs=2.0)
+    assert onset.deviation.x_m == pytest.approx(20.0, rel=0.05)
+    assert onset.onset_us == onset.t_us
     assert onset.evidence is not None
 
     def scored() -> float:
@@ -82,6 +86,22 @@ def test_a_lie_becomes_an_alert_and_every_message_is_accounted_for(service: Serv
     states = {state["follower"]: state for state in json.loads(reply.ok.payload.to_bytes())}
     assert (states["follower"]["leader"], states["leader"].get("leader")) == ("leader", None)
     assert service.stop() == 0
+
+
+def test_a_vehicle_that_is_muted_on_one_page_is_muted_on_the_others(service: Service) -> None:
+    pages = [BusFeed([service.endpoint], [KEYS.site]) for _ in range(2)]
+    for page in pages:
+        page.start()
+    for page in pages:
+        until(lambda page=page: any(isinstance(received.message, Health) for received in page.drain()))
+    request = HandlingRequest(vehicle="follower", action=Action.MUTE, by="anna", until_us=2**50)
+    stored = pages[0].handle(KEYS.site, request)
+    assert isinstance(stored, Handling)
+    assert stored.model_dump(exclude={"site", "t_us"}) == request.model_dump()
+    until(lambda: stored in [received.message for received in pages[1].drain()])
+    assert pages[1].handlings([KEYS.site]) == [stored]
+    for page in pages:
+        page.close()
 
 
 def test_on_sigterm_what_is_queued_is_judged_and_the_last_report_is_told(service: Service, car: zenoh.Session) -> None:
