@@ -15,6 +15,7 @@ class Road:
 
     def __init__(self) -> None:
         self.notices, self.events, self.handlings = Notices(), {}, []  # type: ignore[var-annotated]
+        self.sites = {"local"}
 
     def at(self, s: float, *updates: Event) -> list[tuple[str, bool]]:
         for update in updates:
@@ -23,7 +24,7 @@ class Road:
             else:
                 self.events[update.event_id] = EventSummary.of(update)
         now_us = START_US + round(s * S)
-        self.last = self.notices.update(self.events.values(), self.handlings, now_us)
+        self.last = self.notices.update(self.events.values(), self.handlings, self.sites, now_us)
         return [(notice.vehicle, notice.until_us is None) for notice in self.last]
 
 
@@ -55,6 +56,15 @@ def test_an_event_without_updates_lapses() -> None:
     road.at(0, update(1, 0, Phase.ONSET))
     assert road.at(LAPSE_US / S - 1) == []
     assert road.at((LAPSE_US + QUIET_US) / S) == [("car", False)]
+
+
+def test_nothing_ends_at_a_site_that_is_silent() -> None:
+    road = Road()
+    road.at(0, update(1, 0, Phase.ONSET))
+    road.sites = set()
+    assert [road.at(s, update(2, 0, suspect="other")) for s in (100, 200)] == [[], []]
+    road.sites = {"local"}
+    assert road.at(300) == [("car", False)]
 
 
 def test_another_suspect_is_another_matter() -> None:

@@ -1,7 +1,7 @@
 from fake_service import START_US, Traffic, event, health
 
 from headway.client import SiteMessage
-from headway.dashboard.view_state import PAIR_COLUMNS, PAIR_TTL_US, UPDATE_LIMIT, Table, ViewState
+from headway.dashboard.view_state import PAIR_COLUMNS, PAIR_TTL_US, SILENT_US, UPDATE_LIMIT, Table, ViewState
 from headway_schemas import Event, Health, PairState, Phase, RejectedCopy
 from headway_schemas.state import Standing
 
@@ -82,6 +82,13 @@ def test_rates_are_between_two_reports_of_one_instance() -> None:
     known.apply(SiteMessage("local", health(102.0, START_US + 2_000_000)), 2)
     (row,) = known.delta(0)["instances"]
     assert row["rates_hz"] == {"scored": 970.0, "warming": 30.0, "rejected": 1.0, "lost": 0.0}
+
+
+def test_a_site_reports_as_long_as_one_of_its_instances_does() -> None:
+    known = view_state(health(1.0, START_US), revision=START_US)
+    known.apply(SiteMessage("north", health(1.0, START_US, site="north")), START_US + SILENT_US)
+    assert known.reporting_sites(START_US + SILENT_US - 1) == {"local", "north"}
+    assert known.reporting_sites(START_US + SILENT_US) == {"north"}
 
 
 def test_a_restart_is_an_arrival_and_no_negative_rate() -> None:

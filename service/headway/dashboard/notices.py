@@ -1,6 +1,6 @@
 """What receivers are told of faulty vehicles: one notice when the first event begins, one when the last has ended."""
 
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import Any, Final
@@ -39,15 +39,21 @@ class Notices:
         self._seen_us: dict[tuple[str, str], int] = {}
         """When each of them had an open event last."""
 
-    def update(self, events: Iterable[EventSummary], handlings: Iterable[Handling], now_us: int) -> list[Notice]:
-        """Return the notices that are due. A muted vehicle has none, except the end of what was notified before."""
+    def update(
+        self, events: Iterable[EventSummary], handlings: Iterable[Handling], sites: Container[str], now_us: int
+    ) -> list[Notice]:
+        """Return the notices that are due. A muted vehicle has none, except the end of what was notified before.
+
+        `sites` are those that report. Of another one nothing is known, so nothing there ends.
+        """
         mutes = {(one.site, one.vehicle): one for one in handlings if one.action is Action.MUTE}
         due = []
         for event in events:
             newest = event.newest
-            if newest.phase is Phase.CLEARED or now_us - newest.detected_us >= LAPSE_US:
-                continue
             key = (newest.site, newest.suspect)
+            is_lapsed = now_us - newest.detected_us >= LAPSE_US
+            if newest.phase is Phase.CLEARED or (is_lapsed and (newest.site in sites or key not in self._firing)):
+                continue
             self._seen_us[key] = now_us
             mute = mutes.get(key)
             is_muted = mute is not None and mute.is_in_force(onset_us=event.first_us, is_open=True, now_us=now_us)

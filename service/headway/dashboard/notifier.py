@@ -66,8 +66,9 @@ class Notifier:
         """Send what is due until cancelled."""
         async with asyncio.TaskGroup() as tasks:
             while True:
-                handlings = list(self._view_state.handlings)
-                for notice in self._notices.update(self._view_state.events, handlings, self._now_us()):
+                state, now_us = self._view_state, self._now_us()
+                due = self._notices.update(state.events, state.handlings, state.reporting_sites(now_us), now_us)
+                for notice in due:
                     for address, body in self._receivers.requests(notice):
                         if address not in self._queues:
                             self._queues[address] = asyncio.Queue()

@@ -24,6 +24,7 @@ EVENT_LIMIT: Final = 2_000
 INSTANCE_LIMIT: Final = 64
 INSTANCE_TTL_US: Final = 600_000_000
 COPY_LIMIT: Final = 50
+SILENT_US: Final = 10_000_000
 
 PAIR_COLUMNS: Final = (
     "site", "follower", "leader", "standing", "t_us",
@@ -146,6 +147,10 @@ class ViewState:
         self.pairs.evict(revision - PAIR_TTL_US)
         self.qualities.evict(revision - PAIR_TTL_US)
         self.instances.evict(revision - INSTANCE_TTL_US)
+
+    def reporting_sites(self, now_us: int) -> set[str]:
+        """Return the sites of which a health report came lately."""
+        return {row["site"] for row in self.instances if now_us - row["received_us"] < SILENT_US}
 
     def delta(self, since: int) -> Row:
         """Return what changed after the revision `since`; 0 gives everything."""
