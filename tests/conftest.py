@@ -32,4 +32,5 @@ def shared_data() -> Path:
 def _state_of_nobody(tmp_path_factory: pytest.TempPathFactory) -> None:
     """No test, nor any service that it starts, reads or writes what the user's own service keeps."""
     os.environ["XDG_STATE_HOME"] = str(tmp_path_factory.mktemp("state"))
-    os.environ.pop("STATE_DIRECTORY", None)
+    for name in ("STATE_DIRECTORY", "RUNTIME_DIRECTORY"):
+        os.environ.pop(name, None)

@@ -176,3 +176,11 @@ def test_config_schema_gives_every_setting_its_unit_and_bounds() -> None:
     assert schema["properties"]["delay_s"]["unit"] == "s"
     assert schema["properties"]["delay_s"]["maximum"] == 5
     assert schema["properties"].keys() == Settings.model_fields.keys()
+
+
+def test_the_snapshot_is_in_the_folder_in_memory_that_systemd_made(monkeypatch) -> None:
+    assert load().settings.snapshot_dir is None
+    monkeypatch.setenv("RUNTIME_DIRECTORY", "/run/headway:/run/other")
+    assert load().settings.snapshot_dir == Path("/run/headway")
+    monkeypatch.setenv("HEADWAY_SNAPSHOT_DIR", "/dev/shm/headway")
+    assert load().settings.snapshot_dir == Path("/dev/shm/headway")

@@ -56,6 +56,12 @@ def _state_dir() -> Path | None:
         return None
 
 
+def _runtime_dir() -> Path | None:
+    """Return the folder in memory that systemd made for the service, None if there is none."""
+    folder = os.environ.get("RUNTIME_DIRECTORY", "").partition(":")[0]
+    return Path(folder) if folder else None
+
+
 def _given(value: object) -> object:
     """Read empty text as None."""
     return None if value == "" else value
@@ -200,6 +206,11 @@ class Settings(BaseSettings):
         default_factory=_state_dir,
         description="Folder of the journal and the snapshot; empty stores nothing. By default $STATE_DIRECTORY, which"
         " systemd sets, or headway in $XDG_STATE_HOME or ~/.local/state.",
+    )
+    snapshot_dir: StateDir = Field(
+        default_factory=_runtime_dir,
+        description="Folder of the snapshot, best in memory: it is for a process that ends, not for a machine. By"
+        " default $RUNTIME_DIRECTORY, which systemd sets, or state_dir.",
     )
     journal_days: float = _setting(
         30.0, "Event updates older than this are deleted from the journal.", "d", gt=0, le=3650

@@ -126,7 +126,7 @@ def test_the_service_starts_with_these_settings(monkeypatch: pytest.MonkeyPatch,
     file.write_text(CONFIG["headway.toml"])
     settings = settings_of({**image_environment(), **environment(SERVICE)}, monkeypatch, file)
     places = {mount["mountPath"] for mount in container(SERVICE)["volumeMounts"]}
-    assert {str(settings.zenoh_config), str(settings.state_dir)} <= places
+    assert {str(settings.zenoh_config), str(settings.state_dir), str(settings.snapshot_dir)} <= places
     [port] = container(SERVICE)["ports"]
     assert port["containerPort"] == settings.http_port
     assert pod(SERVICE)["terminationGracePeriodSeconds"] > settings.stop_timeout_s

@@ -36,7 +36,7 @@ RULES = [
     for group in yaml.safe_load((ROOT / "deploy/prometheus/headway.rules.yml").read_text())["groups"]
     for rule in group["rules"]
 ]
-_OF_THE_MACHINE = {"instance": "the host's name", "state_dir": "of the system"}
+_OF_THE_MACHINE = {"instance": "the host's name", "state_dir": "of the system", "snapshot_dir": "of the system"}
 _IDENTIFIER = "1 to 64 of letters, digits, `_ . ~ -`"
 _SPELT = {
     "site": _IDENTIFIER,

@@ -51,11 +51,11 @@ def test_two_services_of_one_site(start, router, measured, tmp_path: Path) -> No
     second = start(router, instance="second", state_dir=str(tmp_path / "second"))
     until(lambda: first.said("another service judges this site") and second.said("another service judges this site"))
     time.sleep(2.0)
-    told = [service.said("another service judges this site") for service in (first, second)]
+    lines_of = [service.said("another service judges this site") for service in (first, second)]
     others = [service.metric("headway_other_services")[""] for service in (first, second)]
-    got = f"each names the other: {[line['other'] for lines in told for line in lines]}"
+    got = f"each names the other: {[line['other'] for lines in lines_of for line in lines]}"
     measured("two services of one site", got, "stated, a line each")
-    assert [[line["other"] for line in lines] for lines in told] == [["second"], ["first"]]
+    assert [[line["other"] for line in lines] for lines in lines_of] == [["second"], ["first"]]
     assert others == [1, 1]
 
 

@@ -49,9 +49,13 @@ def test_it_ends_as_text(start, measured, tmp_path: Path) -> None:
     rows = list(csv.reader(out.read_text(encoding="utf-8").splitlines()))
     judged = service.metric("headway_records_total")
     log = json.dumps(service.log(), ensure_ascii=False)
-    told = sum(judged.values()) - judged["scored"] - judged["warming"]
-    measured("ids as markup, control characters, formulas", f"{told:.0f} refused by name, {len(rows)} rows", "text")
-    assert told == refused
+    refused_by_name = sum(judged.values()) - judged["scored"] - judged["warming"]
+    measured(
+        "ids as markup, control characters, formulas",
+        f"{refused_by_name:.0f} refused by name, {len(rows)} rows",
+        "text",
+    )
+    assert refused_by_name == refused
     assert service.metric("headway_ready")[""] == 1
     for text in TEXTS:
         assert text not in log

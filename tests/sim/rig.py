@@ -81,7 +81,9 @@ class Rig:
             self.loop.resume(self.persistence.start())
 
     def _persistence(self, folder: Path) -> Persistence:
-        config = PersistenceConfig(folder=folder, journal_days=1.0, journal_mb=100.0, snapshot_interval_s=5.0)
+        config = PersistenceConfig(
+            folder=folder, snapshot_folder=folder, journal_days=1.0, journal_mb=100.0, snapshot_interval_s=5.0
+        )
         publish = lambda update: self.bus.publish(Channel.ALERT, update.key, update.payload)  # noqa: E731
         return Persistence(config, self.identity, self.engine, self.clock, publish)
 

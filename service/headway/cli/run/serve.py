@@ -172,6 +172,7 @@ def _bus_config(loaded: Loaded) -> BusConfig:
 def _persistence_config(settings: Settings, folder: Path) -> PersistenceConfig:
     return PersistenceConfig(
         folder=folder,
+        snapshot_folder=settings.snapshot_dir or folder,
         journal_days=settings.journal_days,
         journal_mb=settings.journal_mb,
         snapshot_interval_s=settings.snapshot_interval_s,

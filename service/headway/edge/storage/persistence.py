@@ -1,4 +1,4 @@
-"""What outlives the process, in one folder: the journal of events and the snapshot of the detector."""
+"""What outlives the process: the journal of events, and the snapshot of the detector, which may be kept in memory."""
 
 import fcntl
 from collections.abc import Callable, Sequence
@@ -29,6 +29,7 @@ class PersistenceConfig:
     """Where to store, for how long, how much, how often."""
 
     folder: Path
+    snapshot_folder: Path
     journal_days: float
     journal_mb: float
     snapshot_interval_s: float
@@ -68,7 +69,7 @@ class Persistence:
             publish,
             clock,
         )
-        snapshots = config.folder / f"{identity.site}-{identity.instance}.snapshot"
+        snapshots = config.snapshot_folder / f"{identity.site}-{identity.instance}.snapshot"
         self.snapshots = Snapshots(snapshots, config.snapshot_interval_s, engine, identity, clock)
         self._history = HistoryQueryable(journal, identity.site, self.journal_writer.report_damage)
         self._handling = HandlingQueryable(journal, identity.site, clock, publish_handling)

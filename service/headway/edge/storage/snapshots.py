@@ -5,8 +5,8 @@ a thread writes it before the next one is copied. A part that has not changed is
 a process that ended, not for a machine that did. So nothing is synchronised before the last one, and the system writes
 each file to the disk every half a minute at most. A part that is torn or damaged is left out.
 
-A part is a line of JSON, the tables as they are in memory, and a checksum. Only the same core in the same configuration
-reads it.
+A part is a line of JSON, the tables as they are in memory without the words that are zero, and a checksum. Only the
+same core in the same configuration reads it.
 """
 
 import json
@@ -33,7 +33,9 @@ _PARTS: Final = 64
 _FIRST_NS: Final = 1_000_000_000
 """The first snapshot begins so long after the start."""
 _CLOSE_S: Final = 5.0
-_FORMAT: Final = 2
+_FORMAT: Final = 3
+_WORD: Final = np.uint64
+"""A zero word is a bit in the file: it saves a third of a vehicle with a leader, and more of one without."""
 _CHECKSUM: Final = 8
 """Hexadecimal digits at the end of a file."""
 
@@ -150,10 +152,24 @@ def _overwrite(path: Path, content: list[bytes | memoryview], *, sync: bool) -> 
 
 
 def _content(part: Snapshot, offset_us: int, maker: dict[str, float | str]) -> list[bytes | memoryview]:
-    """Return the pieces of a part: a line of JSON, then the tables as they are in memory."""
+    """Return the pieces of a part: a line of JSON, then of each table which words are not zero, and these."""
     header = {name: getattr(part, name) for name in ("ids", "events", "pair_events", "misses")}
     header |= {"maker": maker, "clock_offset_us": round(offset_us, -3), "rows": part.rows.tolist()}
-    return [json.dumps(header).encode() + b"\n", *(table.view(np.uint8).data for table in part.tables.values())]
+    return [json.dumps(header).encode() + b"\n", *(piece for table in part.tables.values() for piece in _packed(table))]
+
+
+def _packed(table: NDArray[Any]) -> tuple[memoryview, memoryview]:
+    words = table.view(np.uint8).view(_WORD)
+    is_used = words != 0
+    return np.packbits(is_used).data, words[is_used].view(np.uint8).data
+
+
+def _unpacked(file: BytesIO, rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
+    words = np.zeros(rows * dtype.itemsize // _WORD().itemsize, _WORD)
+    bits = np.frombuffer(file.read(-(-words.size // 8)), np.uint8)
+    is_used = np.unpackbits(bits, count=words.size).astype(np.bool_)
+    words[is_used] = np.frombuffer(file.read(words.itemsize * int(is_used.sum())), _WORD)
+    return words.view(dtype)
 
 
 def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
@@ -170,7 +186,7 @@ def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArra
     if other:
         raise ValueError(f"made with another {', '.join(other)}")
     rows = np.array(header["rows"], np.int64)
-    read = {name: np.frombuffer(file.read(rows.size * t.itemsize), t.dtype).copy() for name, t in tables.items()}
+    read = {name: _unpacked(file, rows.size, table.dtype) for name, table in tables.items()}
     for name in ("received_us", "age_us", "aged_us"):
         read["tracks"][name] += header["clock_offset_us"]
     read["first_received_us"] += header["clock_offset_us"]

@@ -1,24 +1,60 @@
-"""The disk fails and the process is killed at seeded moments: what was found is published, ended and written."""
+"""Clock, disk and process fail at seeded moments: what was found is published, ended and written.
+
+The system clock leaps for six seconds, the disk is full for some, and the process is killed.
+"""
 
 from pathlib import Path
 
 import pytest
 from sim.crashing_world import CrashingWorld
+from sim.world import SimWorld
 
+from headway.core.types.outcome import Outcome
 from headway.edge.storage import journal_query
 from headway.edge.storage.journal_format import Reason
 from headway.edge.storage.persistence import JOURNAL_FILE
+from headway.edge.transport.ports import Channel
 from headway_schemas.event import Event
 from headway_schemas.query import LIMIT_MAX, AlertsQuery
 
-SECONDS, VEHICLES, FORGOTTEN_S = 40.0, 8, 45.0
+SECONDS, VEHICLES, EVICTED_S = 40.0, 8, 45.0
+HOUR_US = 3_600_000_000
+LEAP_S, BACK_S, END_S = 8.0, 14.0, 24.0
+
+
+def leaping(by_us: int) -> SimWorld:
+    """Return a world whose wall clock is off from `LEAP_S` to `BACK_S`."""
+    world = SimWorld(3, loss=0.0, delay_s=(0.001, 0.02), doubled=0.0, garbled=0.0)
+    clock, sleep, leaps = world.rig.clock, world.rig.clock.sleep, [(LEAP_S, by_us), (BACK_S, -by_us)]
+
+    def sleep_and_leap(seconds: float) -> None:
+        sleep(seconds)
+        if leaps and clock.monotonic_ns() / 1e9 >= leaps[0][0]:
+            clock.leap(leaps.pop(0)[1])
+
+    clock.sleep = sleep_and_leap
+    world.drive(8, END_S)
+    return world
+
+
+@pytest.mark.parametrize("by_us", [HOUR_US, -HOUR_US, 31 * 24 * HOUR_US, -31 * 24 * HOUR_US, 20 * 8_766 * HOUR_US])
+def test_only_messages_are_refused(by_us: int) -> None:
+    calm, world = leaping(0), leaping(by_us)
+    ledger, expected = world.rig.ledger, calm.rig.ledger
+    reason = Outcome.TOO_OLD if by_us > 0 else Outcome.FROM_THE_FUTURE
+    refused = round((BACK_S - LEAP_S) / END_S * calm.records)
+    assert ledger[reason] == pytest.approx(refused, rel=0.02)
+    assert ledger.records == world.records == calm.records
+    assert ledger.scored + ledger.warming == calm.records - ledger[reason]
+    assert ledger.evicted == expected.evicted == 0
+    assert world.rig.bus.on(Channel.ALERT) == []
 
 
 def lived(seed: int, folder: Path, monkeypatch: pytest.MonkeyPatch, **faults: float) -> CrashingWorld:
     """Return a world after some driving, and after all vehicles have left."""
     world = CrashingWorld(seed, folder, monkeypatch, **faults)
     world.drive(VEHICLES, SECONDS)
-    for _ in range(round(FORGOTTEN_S / 0.1)):
+    for _ in range(round(EVICTED_S / 0.1)):
         world.rig.clock.sleep(0.1)
         world.rig.loop.iterate()
     world.stop()
