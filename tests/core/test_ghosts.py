@@ -203,3 +203,22 @@ def test_an_accomplice_cannot_refuse_the_messages_of_a_car(ahead_m: float, sent_
     assert set(scene.outcomes["second"]) == {"from_the_future"}
     assert set(scene.outcomes["honest"][300:]) == {"scored"}
     assert scene.named == ({"car"} if ahead_m else set())
+
+
+@pytest.mark.parametrize("every", [1, 10])
+def test_an_accomplice_hides_no_fault(every: int) -> None:
+    """The car's position is 40 m off for five seconds, four times. The accomplice sends its id, dated ahead."""
+    starts_s = (30.0, 55.0, 80.0, 105.0)
+    rounds = one_id(2, 0.0, 20.0, 0.95, 0.03, every)
+    faulty = (
+        [
+            (who, name, x + 40.0 * (who == "honest" and any(0.0 <= t - start < 5.0 for start in starts_s)), v, t, at)
+            for who, name, x, v, t, at in records
+        ]
+        for records in rounds
+    )
+    scene = play(2, faulty)
+    found_s = [first_s for first_s, _ in scene.spans_s.values()]
+    assert scene.named == {"car"}
+    for start_s in starts_s:
+        assert any(0.0 <= at_s - start_s < 0.3 for at_s in found_s)
