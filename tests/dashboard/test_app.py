@@ -1,12 +1,16 @@
 import json
+import re
+from pathlib import Path
 
 import pytest
 from dashboard.pageclient import PageClient
 from fake_service import START_US, FakeFeed, event
 
+from headway.dashboard import app
 from headway.dashboard.app import EVIDENCE_FIRST, EVIDENCE_LAST, VIEWER_LIMIT, create_app
 from headway.dashboard.broadcast import Broadcaster
-from headway_schemas import Kind, Phase
+from headway_schemas import Kind, Phase, Sensor
+from headway_schemas.event import Observation
 
 JOURNAL = [
     *(event(n, t_us=START_US + n) for n in range(5)),
@@ -126,3 +130,12 @@ def test_a_handling_comes_from_the_page_itself_as_json_of_bounded_size() -> None
     assert client.ask("POST", "/handling", json=MUTE | {"note": "x" * 5_000}).status_code == 413
     assert client.ask("POST", "/", json=MUTE).status_code == 405
     assert feed.handled == []
+
+
+def test_the_page_has_words_for_every_kind_and_sensor() -> None:
+    static = Path(app.__file__).with_name("static")
+    words, store = (static / "words.js").read_text(), (static / "store.js").read_text()
+    assert set(re.findall(r'"(\w+)"', store.partition("KINDS = ")[2].partition(";")[0])) == set(Kind)
+    assert set(re.findall(r"^  (\w+): \"", words.partition("ADVICE")[2], re.MULTILINE)) == set(Kind)
+    assert set(re.findall(r"(\w+): \"", words.partition("LIMITS")[2].partition("}")[0])) == set(Observation)
+    assert set(re.findall(r"(\w+):", words.partition("SENSORS = {")[2].partition("}")[0])) == set(Sensor)

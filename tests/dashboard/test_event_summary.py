@@ -6,7 +6,7 @@ from fake_service import START_US, event
 
 from headway.dashboard.event_summary import EventSummary, deviation
 from headway_schemas import Event, Innovation, Kind, Phase, Sensor
-from headway_schemas.event import Deviation
+from headway_schemas.event import Deviation, Observation
 
 S = 1_000_000
 
@@ -15,7 +15,13 @@ def life() -> list[Event]:
     """Return an event whose kind, sensor and suspect change, and whose last innovation is small."""
     changes = [
         {"phase": Phase.ONSET, "kind": Kind.UNKNOWN, "deviation": Deviation(x_m=0.3, v_mps=0.1)},
-        {"phase": Phase.UPDATE, "deviation": Deviation(x_m=0.8, v_mps=0.1), "statistic": 90.0, "p_value": 1e-9},
+        {
+            "phase": Phase.UPDATE,
+            "observations": (Observation.JERK,),
+            "deviation": Deviation(x_m=0.8, v_mps=0.1),
+            "statistic": 90.0,
+            "p_value": 1e-9,
+        },
         {"phase": Phase.CLEARED, "suspect": "veh-0002", "deviation": Deviation(x_m=0.8, v_mps=0.2), "confidence": None},
     ]
     return [
@@ -42,6 +48,7 @@ def test_the_newest_update_and_the_largest_of_all_whatever_their_order() -> None
         "deviation_m": 0.8, "deviation_mps": 0.2,
     }  # fmt: skip
     assert (rows[0]["statistic"], rows[0]["p_value"], rows[0]["updates"]) == (90.0, 1e-9, 3)
+    assert rows[0]["observations"] == ["jerk"]
     assert (rows[0]["ahead"], rows[0]["fast"], rows[0]["confidence"]) == (False, None, 0.93)
 
 

@@ -6,7 +6,7 @@ from typing import Any, Final
 from headway_schemas import Event, Phase, Sensor
 
 _NEWEST: Final = {
-    "event_id", "site", "phase", "kind", "sensor", "suspect", "leader", "follower", "count", "observations",
+    "event_id", "site", "phase", "kind", "sensor", "suspect", "leader", "follower", "count",
 }  # fmt: skip
 
 
@@ -26,6 +26,8 @@ class EventSummary:
     innovation_mps: float = 0.0
     diagnosed: Event | None = None
     """The newest update with a confidence."""
+    limited: Event | None = None
+    """The newest update with observations."""
     led: Event | None = None
     """The newest update with a leader."""
 
@@ -43,6 +45,8 @@ class EventSummary:
         self.newest = max(self.newest, event, key=_order)
         if event.confidence is not None:
             self.diagnosed = max(self.diagnosed or event, event, key=_order)
+        if event.observations:
+            self.limited = max(self.limited or event, event, key=_order)
         if event.leader is not None:
             self.led = max(self.led or event, event, key=_order)
         if event.statistic is not None:
@@ -57,6 +61,7 @@ class EventSummary:
         """Return what the page is sent."""
         worst = self.worst or self.newest
         return self.newest.model_dump(mode="json", include=_NEWEST) | {
+            "observations": [] if self.limited is None else list(self.limited.observations),
             "leader": self.led and self.led.leader,
             "first_us": self.first_us,
             "last_us": self.newest.detected_us,

@@ -9,6 +9,16 @@ const SHAPES = {
   unknown: "An offset of a form that is not clear yet",
 };
 
+const LIMITS = {
+  position_change: "Its position steps further than a car can", position_frozen: "Its position stays while it reports a speed",
+  position_speed: "Its positions and speeds contradict each other", speed_value: "It reports a speed that no car has",
+  speed_change: "Its speed changes faster than that of a car", speed_frozen: "Its speed stands still while it moves",
+  acceleration: "It accelerates as no car can", heading: "Its heading contradicts its course", jerk: "Its acceleration changes as in no car",
+  interval: "Its messages follow each other too fast", identity: "Two senders seem to use its id",
+  contradiction: "Messages of one time differ", overlap: "It drives in the place of another vehicle",
+  appearance: "It appeared in motion, in the middle of the road",
+};
+
 const ADVICE = {
   short: "Leave out the readings that are marked. If it comes back, have the receiver checked.",
   noise: "Do not use single readings of it. Have the antenna and its cable checked.",
@@ -42,6 +52,7 @@ export function claim(event) {
   if (kind === "response") {
     return suspect === leader ? `moves otherwise than ${follower} behind it responds` : `does not respond to ${leader ?? "its leader"} as a driver does`;
   }
+  if (sensor === "link") return "contradicts what other vehicles send";
   if (sensor === "heading") return "reports a heading in which it does not drive";
   const metres = sensor !== "speed" && event.deviation_m >= LEAST && position(event);
   const speed = sensor !== "location" && event.deviation_mps >= LEAST && velocity(event);
@@ -62,11 +73,12 @@ function velocity({ kind, deviation_mps, fast }) {
 
 const distance = (value) => (value >= 100 ? number(value) : value.toFixed(value < 10 ? 2 : 1));
 
-function form({ kind, sensor }) {
+function form({ kind, sensor, observations }) {
   if (kind === "miss") return "Silent";
   if (kind === "range") return "Positions and forward sensor contradict each other";
   if (kind === "response") return "Unexplained motion";
-  return kind === "unknown" ? SHAPES.unknown : `${SHAPES[kind]} in ${SENSORS[sensor]}`;
+  if (kind === "unknown") return observations.length ? LIMITS[observations[0]] : SHAPES.unknown;
+  return `${SHAPES[kind]} in ${SENSORS[sensor]}`;
 }
 
 /** How certain it is that something is wrong; what exactly is wrong is another question. */
