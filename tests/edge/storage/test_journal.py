@@ -236,6 +236,20 @@ def test_a_file_that_was_damaged_is_moved_aside_and_made_again(path: Path) -> No
     assert path.with_name("journal.sqlite.damaged").read_bytes() == content
 
 
+def test_damage_of_old_pages_is_noticed_while_the_writer_has_the_newest_in_its_cache(path: Path) -> None:
+    writer = journal_at(path)
+    writer.write([update(n) for n in range(1, 400)])
+    with closing(sqlite3.connect(path)) as db:
+        db.execute("PRAGMA wal_checkpoint(PASSIVE)")
+        [(first,)] = db.execute("SELECT event FROM details ORDER BY update_id LIMIT 1")
+        assert writer.check()
+    content = path.read_bytes()
+    page = content.index(first.encode()) // 4096 * 4096
+    path.write_bytes(content[:page] + b"x" * 4096 + content[page + 4096 :])
+    with pytest.raises(sqlite3.DatabaseError):
+        writer.check()
+
+
 def test_a_journal_of_the_format_before_is_moved_aside(path: Path) -> None:
     path.parent.mkdir()
     with closing(sqlite3.connect(path)) as db:

@@ -160,6 +160,7 @@ class Journal:
             db.execute("SELECT event FROM details ORDER BY update_id DESC LIMIT 1").fetchall()
             with closing(sqlite3.connect(f"{self._path.absolute().as_uri()}?mode=ro", uri=True)) as fresh:
                 require_format(fresh)
+                fresh.execute("SELECT event FROM details ORDER BY update_id LIMIT 1").fetchall()
         return is_same
 
     def check_content(self) -> None:
