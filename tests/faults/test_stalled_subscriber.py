@@ -14,7 +14,7 @@ PLAIN = '{mode: "router", scouting: {multicast: {enabled: false}, gossip: {enabl
 CARS, SECONDS, FAULTY = 600, 40.0, 100
 STALL_AFTER = 100
 LATE_S_MAX, JUDGED_MIN = 1.0, 0.99
-MORE = {"HEADWAY_VEHICLE_CAPACITY": "1000"}
+MORE = {"HEADWAY_VEHICLE_CAPACITY": "1000", "HEADWAY_SUSPECT_BURST": "10000"}
 
 
 @pytest.fixture(params=["peer", "plain router", "trial.json5"])

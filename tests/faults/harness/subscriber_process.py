@@ -20,6 +20,8 @@ def main() -> None:
     config.insert_json5("mode", '"client"')
     config.insert_json5("connect/endpoints", json.dumps([options.endpoint]))
     config.insert_json5("scouting/multicast/enabled", "false")
+    if options.stall_after is not None:  # so that what the kernel buffers for it is soon used up
+        config.insert_json5("transport/link/tcp/so_rcvbuf", "65536")
     count = 0
 
     def take(sample: zenoh.Sample) -> None:
