@@ -86,7 +86,7 @@ def test_the_leader_exposes_a_drift_of_the_speed_beside_a_random_walk() -> None:
             results, _ = run_model(readings, delay_s=DELAY_S)
             found[led] += results["anomalous"][2000:2020].any()
     assert found[True] >= 5
-    assert found[False] <= 2
+    assert found[False] <= 3
 
 
 def test_another_car_ahead_is_no_alarm() -> None:

@@ -38,8 +38,9 @@ def adapted(rng, x_std, v_std, jerk_std=0.8, n=3000):
 
 @pytest.mark.parametrize(("x_std", "v_std"), [(0.01, 0.01), (0.05, 0.02), (1.0, 0.1), (0.01, 0.1)])
 def test_the_noise_of_both_sensors_is_found(x_std: float, v_std: float) -> None:
+    """That of the position is known at the speed that the car drove, and not at rest."""
     noise = adapted(np.random.default_rng(0), x_std, v_std)["noise"]
-    assert np.sqrt(noise["r"][0]) == pytest.approx(x_std, rel=0.35)
+    assert np.sqrt(position_variance(noise, 15.0)) == pytest.approx(x_std, rel=0.35)
     assert np.sqrt(noise["r"][1]) == pytest.approx(v_std, rel=0.35)
 
 

@@ -68,7 +68,7 @@ def test_the_bias_at_rest_is_another_than_that_in_motion() -> None:
     for v, bias_mps in [(15.0, 0.1)] * 300 + [(0.0, -0.02)] * 300 + [(15.0, 0.1)]:
         predict_calibration(row, 0.1, v, 0.0)
         expected = 0.1 * (bias_mps - row["bias_mps"] - v * row["scale"])
-        update_calibration(row, expected, 1e-4, p)
+        update_calibration(row, expected, 1e-4, 1e-4, p)
         row["sensitivity"] *= 0.1
     assert row["bias_mps"] + 15.0 * row["scale"] == pytest.approx(0.1, abs=0.01)
     predict_calibration(row, 0.1, 0.0, 0.0)
@@ -103,7 +103,7 @@ def test_it_is_a_kalman_filter_of_the_three() -> None:
         gain = cov @ c / (c @ cov @ c + s)
         bound = 3.0 * np.sqrt(c @ cov @ c + s)
         change = gain * np.clip(nu, -bound, bound)
-        assert update_calibration(row, nu, s, p) == pytest.approx(c @ change, rel=1e-9)
+        assert update_calibration(row, nu, s, 1e-15, p) == pytest.approx(c @ change, rel=1e-9)
         mean, cov = mean + change, cov - np.outer(gain, c @ cov)
         np.testing.assert_allclose([row["bias_mps"], row["latency_s"], row["scale"]], mean, rtol=1e-9)
         row["sensitivity"] *= 0.1
@@ -117,3 +117,34 @@ def test_the_step_of_reported_speeds_is_found(step_mps: float) -> None:
     for v in 15.0 + 5.0 * np.sin(0.05 * np.arange(300)):
         observe_speed_step(row, step_mps * np.round(v / step_mps), p)
     assert row["speed_step_mps"] == pytest.approx(step_mps, rel=0.35)
+
+
+def test_correlated_noise_of_the_speed_shows_no_latency() -> None:
+    """For a third of a second it looks like a change of speed that the positions do not have yet."""
+    rng, h, n = np.random.default_rng(4), 0.1, 600
+    v = np.full(n, 15.0)
+    read = readings(n)
+    read["t_s"] = h * np.arange(n)
+    read["x_m"] = h * np.cumsum(v) + rng.normal(0.0, 0.01, n)
+    read["v_mps"] = v + 0.05 * np.convolve(rng.normal(0.0, 1.0, n), [1.0, 0.4, 0.15, 0.05])[:n]
+    bank = np.zeros(1, headway_dtype(CONFIG.delay_s))
+    drive(bank[0], read, P, verdicts(n))
+    assert bank[0]["calibration"]["latency_s"] == pytest.approx(0.0, abs=0.03)
+    assert np.sqrt(bank[0]["calibration"]["P"][2]) > 0.5 * CalibrationParams().latency_std_s
+
+
+@pytest.mark.parametrize("latency_s", [-0.2, -0.1])
+def test_old_positions_are_known_after_the_first_brake(latency_s: float) -> None:
+    """A car that drove at a constant speed for half a minute brakes: no fault of either sensor."""
+    rng, h, n = np.random.default_rng(6), 0.1, 350
+    t = h * np.arange(n)
+    v = 15.0 - 4.5 * (1.0 - np.cos(np.pi * np.clip((t - 30.0) / 5.0, 0.0, 1.0)))
+    x = h * (np.cumsum(v) - 0.5 * v)
+    read = readings(n)
+    read["t_s"] = t
+    read["x_m"] = np.interp(t + latency_s, t, x) + rng.normal(0.0, 0.01, n)
+    read["v_mps"] = v + rng.normal(0.0, 0.01, n)
+    bank, out = np.zeros(1, headway_dtype(CONFIG.delay_s)), verdicts(n)
+    drive(bank[0], read, P, out)
+    assert not out["anomalous"].any()
+    assert bank[0]["calibration"]["latency_s"] == pytest.approx(latency_s, abs=0.05)

@@ -35,6 +35,8 @@ RANDOM_WALK_PER_NOISE_HZ = 20.0
 
 HALF_GROWTH_MPS = 4.0
 """Speed with half of the growth, on the logarithm: the best fit to v^2 between 1 and 30 m/s."""
+SETTLED_READINGS = 100.0
+"""Adapted readings from which the noise has settled (ADR 0006)."""
 MANOEUVRE_GAIN_EARLY = 0.1
 """Gain of the manoeuvre probability as a share of the step, until the noise has settled."""
 
@@ -97,7 +99,7 @@ class NoiseAdaptationParams(NamedTuple):
     """Least random-walk density, as a share of the position's variance, 1/s: at 10 Hz, positions of more than some 3 s
     ago do not count. Speed bias, scale and latency are never known so well that they could (ADR 0011)."""
     position_noise_growth_min: float = -1.0
-    position_noise_growth_decay: float = 0.1
+    position_noise_growth_decay: float = 0.03
     position_noise_growth_max: float = 9.0
     """A centimetre at rest and 0.6 m at 20 m/s: time stamps with a random error of 30 ms."""
     manoeuvre: float = 0.005
@@ -232,7 +234,7 @@ def adapt_noise(
     variance, before = position_variance(noise, v_mps), r[Z_POSITION]
     r[Z_POSITION] = clip(before * exp(step * (x_wide - x_sign)), std_min**2, p.x_std_max_m**2)
     # In motion, the noise at rest changes alike; at rest, that in fast motion stays.
-    growth = noise.position_noise_growth - (1.0 - growth_share(v_mps)) ** 3 * log(r[Z_POSITION] / before)
+    growth = noise.position_noise_growth - (1.0 - growth_share(v_mps)) * log(r[Z_POSITION] / before)
     noise.position_noise_growth = clip(growth, p.position_noise_growth_min, p.position_noise_growth_max)
     if noise.moving:
         # Without a reason to differ, the noise at rest is that in motion.

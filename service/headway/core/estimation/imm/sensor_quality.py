@@ -5,13 +5,11 @@ Nothing here is an alarm. Readings beyond the limits of receivers are the plausi
 
 import numpy as np
 
-from headway.core.estimation.imm.noise_adaptation import HALF_GROWTH_MPS
+from headway.core.estimation.imm.noise_adaptation import HALF_GROWTH_MPS, SETTLED_READINGS
 from headway.core.estimation.kinematics import Z_POSITION, Z_SPEED
 from headway.core.types.records import Records
 from headway.core.types.sensor_quality import SensorQualities
 
-SETTLED_READINGS = 100.0
-"""Readings in motion before which little is known."""
 FAST_MPS = 20.0
 """Speed at which the growth of position noise shows the scatter of time stamps."""
 

@@ -11,6 +11,9 @@ of variance s, is the measurement. With c the sensitivity and P the covariance o
     K = P c / (s + c' P c)        b <- b + K nu        P <- P - K c' P
 
 What is corrected at once is the position that the filter is given (`step`). No value leaves what receivers are.
+
+The sensitivity to the latency is a change of speed since the positions that still count. Noise of the speed makes such
+changes too, and would show a false latency. So only that part of it counts in the gain that noise does not explain.
 """
 
 from math import sqrt
@@ -23,15 +26,18 @@ from headway.core.estimation.imm.noise_adaptation import OUTLIER, clip
 
 BIAS, LATENCY, SCALE = range(3)
 ROUNDING_MPS = 1e-6
+CHANGE_MIN = 1e-12
+"""Least squared change of a speed, m^2/s^2: it only keeps a quotient finite."""
+HELD_KEPT = 0.995
+"""What is left of `speed_held` with each change of the speed."""
 RESTING_MPS = 0.5
 """Speed below which the bias is another: most sensors of speed have none at rest."""
-UNCERTAIN = 1.0
-"""Standard deviations of an acceleration at which half of it counts."""
 
 CALIBRATION = np.dtype(
     [
         ("bias_mps", "f8"),  # at rest, or in motion: as the vehicle is now
-        ("resting", "i8"),  # whether it is at rest
+        ("resting", "i4"),  # whether it is at rest
+        ("speed_held", "f4"),  # from 0 to 1: 1 where the speed repeats itself in motion, and fades with each change
         ("other_bias_mps", "f8"),  # in motion, or at rest
         ("other_bias_variance", "f8"),
         ("latency_s", "f8"),  # how old the reported speed is beside the position; below 0: the position is older
@@ -51,9 +57,10 @@ class CalibrationParams(NamedTuple):
     """Standard deviations before any reading, random walks per reading, and the limits of what receivers are."""
 
     bias_std_mps: float = 0.15
-    latency_std_s: float = 0.1
-    scale_std: float = 0.015
-    """Wheel speeds are 1 to 3 % off, positions 0.1 to 0.5 s older than speeds (ADR 0011)."""
+    latency_std_s: float = 0.15
+    scale_std: float = 0.005
+    """Wheel speeds are 1 to 3 % off, positions 0.1 to 0.5 s older than speeds. A scale that is larger shows as a bias
+    first (ADR 0011)."""
     bias_walk_mps: float = 1e-4
     latency_walk_s: float = 5e-5
     scale_walk: float = 3e-6
@@ -67,6 +74,12 @@ class CalibrationParams(NamedTuple):
     """Speed below which a sensor may report 0, until a slower one was reported (ADR 0005)."""
     dead_zone_min_mps: float = 0.15
     """Slower ones may be noise at rest."""
+    latency_share: float = 0.1
+    """Least standard deviation of the latency, as a share of it: it is modelled to first order."""
+    change_std: float = 4.0
+    """Standard deviations of a speed up to which its change shows nothing of the latency."""
+    held_variance: float = 1.0 / 12.0
+    """Least variance of the bias, as a share of the squared step in which a held speed is reported: its rounding."""
     speed_step_growth: float = 1.02
     """Factor by which the step grows with each change of the speed, so that a wrong one is forgotten."""
 
@@ -79,14 +92,8 @@ def initialise_calibration(calibration: Any, p: CalibrationParams) -> None:
     calibration.P[:] = 0.0
     calibration.P[0], calibration.P[2], calibration.P[5] = p.bias_std_mps**2, p.latency_std_s**2, p.scale_std**2
     calibration.sensitivity[:] = 0.0
-    calibration.speed_step_mps = calibration.repeat_share = 0.0
+    calibration.speed_step_mps = calibration.repeat_share = calibration.speed_held = 0.0
     calibration.dead_zone_mps = p.dead_zone_mps
-
-
-@njit(cache=True, error_model="numpy")
-def certain_acceleration(a_mps2: float, variance: float) -> float:
-    """Return an estimated acceleration, less the part that may be noise of the speed: it would show a false latency."""
-    return a_mps2**3 / (a_mps2**2 + UNCERTAIN**2 * variance)
 
 
 @njit(cache=True, error_model="numpy")
@@ -104,6 +111,13 @@ def predict_calibration(calibration: Any, dt_s: float, v_mps: float, a_mps2: flo
 
 
 @njit(cache=True, error_model="numpy")
+def correct_change(calibration: Any, change_mps: float) -> float:
+    """Take a change of speed that the reading showed; return how far it moves the position beside the speed."""
+    calibration.sensitivity[LATENCY] += change_mps
+    return float(calibration.latency_s * change_mps)
+
+
+@njit(cache=True, error_model="numpy")
 def _exchange_bias(calibration: Any) -> None:
     """Exchange the bias at rest and that in motion."""
     P, bias_mps, variance = calibration.P, calibration.bias_mps, calibration.P[0]
@@ -113,16 +127,22 @@ def _exchange_bias(calibration: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def update_calibration(calibration: Any, nu: float, s: float, p: CalibrationParams) -> float:
-    """Take a position innovation of variance `s`; return by how much the predicted position is corrected."""
+def update_calibration(calibration: Any, nu: float, s: float, speed_variance: float, p: CalibrationParams) -> float:
+    """Take a position innovation of variance `s`; return by how much the predicted position is corrected.
+
+    `speed_variance` is that of a reported speed, m^2/s^2.
+    """
     P, c = calibration.P, calibration.sensitivity
-    P[0] = min(P[0] + p.bias_walk_mps**2, p.bias_std_mps**2)
-    P[2] = min(P[2] + p.latency_walk_s**2, p.latency_std_s**2)
+    change_mps = c[LATENCY]
+    certain = change_mps * max(0.0, 1.0 - p.change_std**2 * speed_variance / max(change_mps**2, CHANGE_MIN))
+    rounding = p.held_variance * calibration.speed_held * calibration.speed_step_mps**2
+    P[0] = min(max(P[0] + p.bias_walk_mps**2, rounding), p.bias_std_mps**2)
+    P[2] = min(max(P[2] + p.latency_walk_s**2, (p.latency_share * calibration.latency_s) ** 2), p.latency_std_s**2)
     P[5] = min(P[5] + p.scale_walk**2, p.scale_std**2)
-    bias = P[0] * c[BIAS] + P[1] * c[LATENCY] + P[3] * c[SCALE]
-    latency = P[1] * c[BIAS] + P[2] * c[LATENCY] + P[4] * c[SCALE]
-    scale = P[3] * c[BIAS] + P[4] * c[LATENCY] + P[5] * c[SCALE]
-    total = s + c[BIAS] * bias + c[LATENCY] * latency + c[SCALE] * scale
+    bias = P[0] * c[BIAS] + P[1] * certain + P[3] * c[SCALE]
+    latency = P[1] * c[BIAS] + P[2] * certain + P[4] * c[SCALE]
+    scale = P[3] * c[BIAS] + P[4] * certain + P[5] * c[SCALE]
+    total = s + c[BIAS] * bias + certain * latency + c[SCALE] * scale
     bound = OUTLIER * sqrt(total)
     weighted = clip(nu, -bound, bound) / total
     before = displacement(calibration)
@@ -172,7 +192,10 @@ def observe_speed_step(calibration: Any, v_mps: float, p: CalibrationParams) -> 
     change = abs(v_mps - calibration.last_speed_mps)
     calibration.last_speed_mps = v_mps
     if change <= ROUNDING_MPS:
+        if v_mps > RESTING_MPS:
+            calibration.speed_held = 1.0
         return False
+    calibration.speed_held *= HELD_KEPT
     known = calibration.speed_step_mps if calibration.speed_step_mps > 0.0 else p.speed_step_max_mps
     calibration.speed_step_mps = min(change, p.speed_step_growth * known, p.speed_step_max_mps)
     return True

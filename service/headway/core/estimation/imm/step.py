@@ -35,6 +35,7 @@ from headway.core.estimation.imm.fault_timeout import fault_timeout
 from headway.core.estimation.imm.modes import HEALTHY
 from headway.core.estimation.imm.noise_adaptation import (
     ADAPTED_NOISE,
+    SETTLED_READINGS,
     NoiseAdaptationParams,
     adapt_noise,
     initialise_noise,
@@ -47,7 +48,7 @@ from headway.core.estimation.imm.speed_calibration import (
     CALIBRATION,
     CalibrationParams,
     calibration_variance,
-    certain_acceleration,
+    correct_change,
     initialise_calibration,
     observe_dead_zone,
     observe_speed_step,
@@ -64,7 +65,7 @@ from headway.core.estimation.imm.state import (
     initialise_modes,
 )
 from headway.core.estimation.imm.update import Motion, update
-from headway.core.estimation.kinematics import AA, AX, PX, SIZE, VA, VV, VX, XX, Z_POSITION, Z_SPEED
+from headway.core.estimation.kinematics import AX, PX, SIZE, VA, VV, VX, XX, Z_POSITION, Z_SPEED
 from headway.core.runtime.prefetch import prefetch_row
 from headway.core.statistics.alarm_gate import TAIL, Budget, false_alarms_per_hour, gate, learn
 from headway.core.types.config import DetectorConfig
@@ -140,8 +141,8 @@ class HeadwayParams(NamedTuple):
     stays, and a nearly constant speed is wrong by up to half a step throughout."""
     calibration_margin: float = 2.0
     """Factor on the variance of an innovation in the calibration, times the step beyond its least, plus 1."""
-    settled_readings: float = 100.0
-    """Adapted readings from which the noise has settled, and the tail of the gate is learnt (ADR 0006)."""
+    settled_readings: float = SETTLED_READINGS
+    """Adapted readings from which the tail of the gate is learnt."""
 
 
 def headway_params(config: DetectorConfig) -> HeadwayParams:
@@ -282,7 +283,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         repeat_verdict(row, z, p, mean, imm, verdict)
         return
     row.t_s = z.t_s
-    changed, uncertain = True, 0.0
+    changed, uncertain, kept, change_mps = True, 0.0, 1.0, 0.0
     v_mps = row.single[VX, HEALTHY]
     unexplained = unexplained_share(driver, noise.jerk_density) if row.count > 0 else 1.0
     motion = Motion(
@@ -297,13 +298,13 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         cov[0], cov[1], cov[2] = r[Z_POSITION], 0.0, r[Z_SPEED]
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m, z.v_mps
     else:
-        a_mps2 = certain_acceleration(row.a_mps2, row.single[AA, HEALTHY])
-        row.accumulated_bias_m += predict_calibration(calibration, dt_s, v_mps, a_mps2)
+        row.accumulated_bias_m += predict_calibration(calibration, dt_s, v_mps, row.a_mps2)
         changed = observe_speed_step(calibration, z.v_mps, p.calibration)
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m - row.accumulated_bias_m, z.v_mps
         uncertain = calibration_variance(calibration)
         r[Z_POSITION] = position_variance(noise, v_mps) + uncertain if measured else inf
-        r[Z_SPEED] = max(noise.r[Z_SPEED], p.speed_step_variance * calibration.speed_step_mps**2)
+        rounding = p.speed_step_variance * calibration.speed_held
+        r[Z_SPEED] = max(noise.r[Z_SPEED], rounding * calibration.speed_step_mps**2)
         if measured and z.odometer_std_m > 0.0:
             r[Z_POSITION] += z.odometer_std_m**2
         if v_mps < NOD_MPS:
@@ -311,6 +312,8 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         # A time stamp that moves the position by its error times v, moves the speed by its error times a.
         r[Z_SPEED] += row.a_mps2**2 * position_variance(noise, v_mps) / max(v_mps, TIMED_MPS) ** 2
         verdict.repaired = update(row, dt_s, reading, r, motion, verdict.implausible, p.modes, imm)
+        change_mps = mu[HEALTHY] * (row.single[VX, HEALTHY] - v_mps - row.a_mps2 * dt_s)
+        kept = r[Z_POSITION] / cov[0] if measured else 1.0
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
     recent_log_odds = detect(row, imm.ended_probability, dt_s, p, verdict)
@@ -325,14 +328,16 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         if measured:
             settling = 1.0 + p.calibration_margin * (step_size(noise, p.noise) - p.noise.step_min)
             variance = settling * (cov[0] - uncertain)
-            row.accumulated_bias_m += update_calibration(calibration, nu[Z_POSITION], variance, p.calibration)
+            row.accumulated_bias_m += kept * update_calibration(
+                calibration, nu[Z_POSITION], variance, r[Z_SPEED], p.calibration
+            )
         k_v, k_a = row.single[VV, HEALTHY] / r[Z_SPEED], row.single[VA, HEALTHY] / r[Z_SPEED]
         adapt_response_gain(driver, dt_s, nu[Z_SPEED], cov[2], k_v, k_a, p.driver)
     else:
         reset_previous_innovation(noise)
         reset_sensitivity(driver)
-    if measured:
-        calibration.sensitivity *= r[Z_POSITION] / cov[0]
+    calibration.sensitivity *= kept
+    row.accumulated_bias_m += correct_change(calibration, kept * change_mps)
     if measured and verdict.implausible == 0 and fault_timeout(row, mean, reading, r, dt_s, p):
         verdict.restarted = True
     change_mps2 = predict_acceleration(driver, z, dt_s, verdict.x_m, verdict.v_mps, p.driver)
