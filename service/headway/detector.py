@@ -21,7 +21,7 @@ from headway.core.types.step_result import AnomalyEvent, RecordVerdicts
 from headway.edge.codec.decoded import DecodedRecords
 from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
-from headway.edge.codec.messages import Timing, event_message
+from headway.edge.codec.messages import Timing, event_message, quality_messages
 from headway.edge.codec.payload import record_of
 from headway.edge.identity import Identity
 from headway.gateways.recordings.columns import RECEIVED, columns_of, records_of
@@ -31,6 +31,7 @@ from headway.version import version
 from headway_schemas.event import Event, Stage
 from headway_schemas.fields import T_US_MAX
 from headway_schemas.keys import Keys
+from headway_schemas.state import SensorQuality
 
 _PREFIX: Final = "v2x"
 _OUTCOMES: Final = np.array([Outcome(n).label if n in list(Outcome) else "" for n in range(max(Outcome) + 1)])
@@ -126,6 +127,11 @@ class Detector:
         nothing, found = self._codec.decode_records([], []), RecordVerdicts.empty(0)
         stepped = self._engine.step(nothing.batch, self._engine.now_us + 2 * self._ttl_us)
         return _result(0, nothing, found, stepped.outcomes, self._events(stepped.events))
+
+    def qualities(self) -> list[SensorQuality]:
+        """Return what is known of the sensors of each vehicle that is not evicted yet, as on the wire."""
+        states = self._engine.qualities()
+        return [] if states is None else list(quality_messages(states, self._identity.site))
 
     def _events(self, events: Iterable[AnomalyEvent]) -> list[Event]:
         """Return the events as on the wire; of the latencies there is only the one that the records themselves tell."""

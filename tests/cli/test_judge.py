@@ -75,12 +75,24 @@ def test_the_summary_counts_records_vehicles_time_and_alarms(recording: Path) ->
         "events",
         "alarms",
         "alarms_per_vehicle_hour",
+        "sensor_quality",
     ]
     assert shown["records"] == len(RECORDS) == sum(shown["outcomes"].values())
     assert shown["vehicles"] == 4
     assert shown["vehicle_hours"] == pytest.approx(4 * 19.9 / 3600, abs=1e-6)
     assert shown["alarms"] == sum(shown["events"].values()) >= 1
     assert shown["alarms_per_vehicle_hour"] == pytest.approx(shown["alarms"] / shown["vehicle_hours"], rel=1e-3)
+
+
+def test_the_summary_says_what_each_vehicles_sensors_are_like(recording: Path) -> None:
+    found = summary(recording)["sensor_quality"]
+    detector = Detector()
+    detector.process(RECORDS)
+    qualities = {quality.vehicle: quality for quality in detector.qualities()}
+    assert found.keys() == qualities.keys() == {record["id"] for record in RECORDS}
+    for vehicle, quality in found.items():
+        assert quality["level"] == qualities[vehicle].level
+        assert quality["speed_noise_mps"] == qualities[vehicle].speed_noise_mps
 
 
 def test_events_and_verdicts_are_those_of_the_detector(recording: Path, tmp_path: Path) -> None:

@@ -102,6 +102,7 @@ class _Judging:
         self._detectors[drive] = detector
         result = _process(detector, chunk)
         self._add(drive, result)
+        self.summary.add_qualities(drive, detector.qualities())
         if drive:
             self.summary.add_problems(chunk, result)
         for located, is_anomalous in zip(chunk, result.verdicts["anomalous"].tolist(), strict=True):

@@ -12,8 +12,10 @@ from headway.core.types.outcome import Outcome
 from headway.gateways.recordings.formats import Located
 from headway.result import Result
 from headway_schemas.event import Phase
+from headway_schemas.state import QualityLevel, SensorQuality
 
 _US_PER_HOUR: Final = 3.6e9
+_SHOWN_VEHICLES: Final = 20
 _FORM: Final = frozenset(
     outcome.label for outcome in (Outcome.MALFORMED, Outcome.OUT_OF_RANGE, Outcome.NOT_FINITE, Outcome.UNAVAILABLE)
 )
@@ -30,6 +32,7 @@ class Summary:
         self._open: dict[tuple[str, str], str] = {}
         self._last_us: dict[tuple[str, bytes], int] = {}
         self._observed_us = 0
+        self._qualities: dict[tuple[str, str], SensorQuality] = {}
         self.refusals = Refusals()
         self.truth = TruthScore()
 
@@ -46,6 +49,10 @@ class Summary:
             self._open[drive, event.event_id] = event.kind
             if event.phase is Phase.CLEARED:
                 self._kinds[self._open.pop((drive, event.event_id))] += 1
+
+    def add_qualities(self, drive: str, qualities: Sequence[SensorQuality]) -> None:
+        """Take what is known now of the sensors of the vehicles of a drive."""
+        self._qualities.update({(drive, quality.vehicle): quality for quality in qualities})
 
     def add_refused(self, located: Located, outcome: str, problem: str, *, count: bool) -> None:
         """Note a row that is no record, or a record that is wrong by itself; count it where no result has it."""
@@ -72,6 +79,10 @@ class Summary:
             "events": dict(sorted(kinds.items())),
             "alarms": kinds.total(),
             "alarms_per_vehicle_hour": round(kinds.total() / hours, 6) if hours else None,
+            "sensor_quality": {
+                vehicle: quality.model_dump(mode="json", exclude={"v", "site", "vehicle", "t_us"})
+                for (_, vehicle), quality in sorted(self._qualities.items())
+            },
         }
         return shown | self.truth.to_json()
 
@@ -133,12 +144,32 @@ def show(summary: dict[str, Any]) -> None:
     )
     for kind, count in summary["events"].items():
         console.print(f"  {kind}: {count:,}")
+    _show_qualities(console, summary["sensor_quality"])
     if "truth" in summary:
         truth = summary["truth"]
         console.print(
             f"ground truth: {truth['attacks']:,} attacks in {truth['messages']:,} messages,"
             f" recall {_share(truth['recall'])}, false positives {_share(truth['false_positive_rate'])}"
         )
+
+
+def _show_qualities(console: Console, qualities: dict[str, dict[str, Any]]) -> None:
+    """Print how many vehicles have sensors of each level, and what the others' sensors are like."""
+    if not qualities:
+        return
+    levels = Counter(quality["level"] for quality in qualities.values())
+    console.print("sensors: " + ", ".join(f"{levels[level]:,} {level}" for level in QualityLevel))
+    worse = {vehicle: found for vehicle, found in qualities.items() if found["level"] != QualityLevel.GOOD}
+    if not worse:
+        return
+    names = [name for name in next(iter(worse.values())) if name != "level"]
+    table = Table("vehicle", "sensors", *names)
+    for vehicle, found in list(worse.items())[:_SHOWN_VEHICLES]:
+        numbers = ("-" if found[name] is None else f"{found[name]:.2g}" for name in names)
+        table.add_row(vehicle, found["level"], *numbers)
+    console.print(table)
+    if len(worse) > _SHOWN_VEHICLES:
+        console.print(f"and {len(worse) - _SHOWN_VEHICLES:,} more, in --json")
 
 
 def _share(value: float | None) -> str:
