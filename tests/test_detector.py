@@ -39,6 +39,16 @@ def test_a_fault_becomes_an_event_of_that_vehicle_and_sensor(result: Result) -> 
     assert onset.latency_us == {"wire": onset.detected_us - onset.t_us}
 
 
+def test_a_recording_may_begin_at_any_time_zero_too(result: Result) -> None:
+    times = ("t_us", "received_us")
+    first_us = min(record["t_us"] for record in RECORDS)
+    records = [{**record, **{name: record[name] - first_us for name in times}} for record in RECORDS]
+    shifted = Detector().process(records)
+    for name in ("outcome", "anomalous", "sensor", "kind", "leader"):
+        assert (shifted.verdicts[name] == result.verdicts[name]).all()
+    assert len(shifted.events) == len(result.events)
+
+
 def test_there_is_a_verdict_for_each_record_in_order(result: Result) -> None:
     assert result.verdicts.dtype == VERDICTS
     assert len(result.verdicts) == len(RECORDS)

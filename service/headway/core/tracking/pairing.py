@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from headway.core.tracking.overlap import observe_overlap
 from headway.core.tracking.path_history import between_bases, distance_along_path
 from headway.core.tracking.spatial_index import NEAREST, REBUILD_US, Grid, build, find_near
+from headway.core.tracking.tracks import is_free
 from headway.core.types.batch import F64, I64
 from headway.core.types.records import Records
 
@@ -95,7 +96,7 @@ def leader_of(tracks: Records, pairing: Records, row: int) -> int:
     if leader_row == NO_LEADER or pair.generation != tracks[row].generation:
         return NO_LEADER
     leader = tracks[leader_row]
-    return leader_row if leader.t_us != 0 and leader.generation == pair.leader_generation else NO_LEADER
+    return leader_row if not is_free(leader) and leader.generation == pair.leader_generation else NO_LEADER
 
 
 @njit(cache=True, error_model="numpy")
@@ -260,7 +261,7 @@ def _search_declared(tracks: Records, row: int, declared_row: int, range_m: floa
     if declared_row in (NO_LEADER, row):
         return NO_LEADER, 0.0
     follower, leader = tracks[row], tracks[declared_row]
-    if leader.t_us == 0 or not _is_fresh(leader, follower):
+    if is_free(leader) or not _is_fresh(leader, follower):
         return NO_LEADER, 0.0
     ahead_m, _ = distance_along_path(leader, follower, _DECLARED_CORRIDOR_M, range_m)
     return (declared_row, ahead_m) if ahead_m > 0.0 else (NO_LEADER, 0.0)
@@ -283,7 +284,7 @@ def _search_lane(
         if near_row == NO_LEADER or (k >= 0 and near_row == leader_row):
             continue
         near = tracks[near_row]
-        if near.t_us == 0 or not _is_fresh(near, follower):
+        if is_free(near) or not _is_fresh(near, follower):
             continue
         corridor_m = half_lane_m * _KEEP_CORRIDOR
         if near_row != leader_row:
@@ -316,7 +317,7 @@ def _find_cut_in(
     found_row, found_m = reference_row, reference_m
     for k in range(nearby.size):
         near = tracks[nearby[k]]
-        if nearby[k] == reference_row or near.t_us == 0 or not _is_fresh(near, follower):
+        if nearby[k] == reference_row or is_free(near) or not _is_fresh(near, follower):
             continue
         east_m, north_m = between_bases(near, follower)
         if math.hypot(east_m, north_m) >= found_m:

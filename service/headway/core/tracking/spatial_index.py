@@ -7,6 +7,7 @@ import numpy as np
 from numba import njit
 
 from headway.core.tracking.geodesy import metres_per_degree, wrap_degrees
+from headway.core.tracking.tracks import is_free
 from headway.core.types.batch import F64, I64
 from headway.core.types.records import Records
 
@@ -87,7 +88,7 @@ def build(grid: Grid, tracks: Records, range_m: float, now_us: int) -> None:
     count = 0
     for row in range(tracks.size):
         track = tracks[row]
-        if track.t_us == 0:
+        if is_free(track):
             continue
         band = int((track.base_lat_deg + 90.0) / cell_deg)
         bucket = _bucket(band, _column(track.base_lon_deg, _columns(band, cell_deg)), buckets)

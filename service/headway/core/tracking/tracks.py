@@ -62,7 +62,7 @@ _SAME_M, _SAME_MPS = 0.5, 0.5  # copies of one message differ by the rounding of
 
 TRACK = np.dtype(
     [
-        ("t_us", "i8"),  # event time of the newest reading; 0: the row is free
+        ("t_us", "i8"),  # event time of the newest reading
         ("received_us", "i8"),
         ("age_us", "i8"),  # receive time less event time, a median over time; at first at most 0
         ("aged_us", "i8"),  # receive time of the newest message that entered it
@@ -71,7 +71,7 @@ TRACK = np.dtype(
         ("counting", "?"),  # its counter went up by one with the last message
         ("count", "i8"),  # readings since x_m was zero
         ("step_s", "f8"),  # event time between the last two readings
-        ("interval_s", "f8"),  # the sender's mean interval
+        ("interval_s", "f8"),  # the sender's mean interval; 0: the row is free
         ("longest_interval_s", "f8"),  # its longest interval of late
         ("loss", "f8"),  # share of its messages lost of late
         ("longest_loss", "f8"),  # longest run of lost messages of late
@@ -120,6 +120,12 @@ def new_tracks(capacity: int) -> Records:
     return np.zeros(capacity, TRACK)
 
 
+@njit(cache=True, error_model="numpy")
+def is_free(track: Any) -> bool:
+    """Whether the row has no vehicle; a reading may have any event time, 0 too."""
+    return bool(track.interval_s == 0.0)
+
+
 def evict(tracks: Records, rows: I64) -> None:
     """Free the rows. Their generation increases, so the next vehicle of a row is not taken for this one."""
     generation = tracks["generation"][rows] + 1
@@ -158,7 +164,7 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
             done.outcome[i] = _FROM_THE_FUTURE
             track.contradictions += _is_elsewhere(track, batch, k)
             continue
-        if batch.t_us[k] <= track.t_us:
+        if batch.t_us[k] <= track.t_us and not is_free(track):
             done.outcome[i] = _OUT_OF_ORDER
             if batch.t_us[k] == track.t_us and _contradicts(track, batch, k):
                 done.outcome[i] = _CONTRADICTION
@@ -170,7 +176,7 @@ def advance(tracks: Records, rows: I64, batch: Columns, places: I64, max_gap_s: 
             continue
         done.outcome[i] = _ACCEPTED
         step_s = 1e-6 * (batch.t_us[k] - track.t_us)
-        if track.t_us == 0 or step_s > max_gap_s:
+        if is_free(track) or step_s > max_gap_s:
             done.sequence_gap[i] = _long_sequence_gap(track, batch.msg_cnt[k], step_s)
             _initialise(track, batch.lat_deg[k], batch.lon_deg[k])
             done.initialised[i] = True
@@ -248,7 +254,7 @@ def extend_path_history(
 @njit(cache=True, error_model="numpy")
 def _initialise(track: Any, lat_deg: float, lon_deg: float) -> None:
     """Set the odometer to zero at this place, with an empty path."""
-    if track.t_us == 0:
+    if is_free(track):
         track.length_m = DEFAULT_LENGTH_M
         track.accuracy_m = np.nan
         track.interval_s = track.longest_interval_s = _FIRST_INTERVAL_S
@@ -276,7 +282,7 @@ def _contradicts(track: Any, batch: Columns, k: int) -> bool:
 def _is_elsewhere(track: Any, batch: Columns, k: int) -> bool:
     """Whether record `k`, of another time than the newest reading, is where that vehicle cannot be then."""
     dt_s = 1e-6 * (batch.t_us[k] - track.t_us)
-    if track.t_us == 0 or abs(dt_s) > _COMPARABLE_S:
+    if is_free(track) or abs(dt_s) > _COMPARABLE_S:
         return False
     east_m, north_m = displacement_m(track.lat_deg, track.lon_deg, batch.lat_deg[k], batch.lon_deg[k])
     way_m = dt_s * track.v_mps
@@ -293,7 +299,7 @@ def _is_ahead(track: Any, age_us: int, received_us: int) -> bool:
     The clock is the median age, each message weighted by the time since the one before. So neither a burst after a
     delay nor a few messages of another sender under this id move it far.
     """
-    if track.t_us == 0:
+    if is_free(track):
         track.age_us = min(age_us, 0)
     else:
         limit_us = int(_AGE_RATE * min(max(received_us - track.aged_us, 0), 1e6 * _AGE_GAP_S))
@@ -305,7 +311,7 @@ def _is_ahead(track: Any, age_us: int, received_us: int) -> bool:
 @njit(cache=True, error_model="numpy")
 def _long_sequence_gap(track: Any, msg_cnt: int, step_s: float) -> int:
     """Return the messages lost in a gap that starts the odometer anew: the number nearest to the time that passed."""
-    if track.t_us == 0 or not track.counting:
+    if is_free(track) or not track.counting:
         return 0
     behind = (msg_cnt - track.msg_cnt) % MSG_CNT_MODULUS
     wraps = math.floor((step_s / track.interval_s - behind) / MSG_CNT_MODULUS + 0.5)
