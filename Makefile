@@ -6,7 +6,7 @@ FUZZ_RECORDS ?= inf
 FUZZ_INPUTS ?= inf
 FUZZ_TARGET ?= json
 
-.PHONY: help venv demo test check check-deploy bench soak faults fuzz fuzz-coverage sbom performance browser wheel format clean
+.PHONY: help venv demo test check check-deploy docs bench soak faults fuzz fuzz-coverage sbom performance browser wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -32,6 +32,7 @@ check: venv  ## lint, format, types, import contracts, prose, deployment files; 
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tests/prose/check.py
+	$(BIN)/mkdocs build --quiet
 	$(BIN)/python -m pytest tests/deploy
 	@if command -v promtool >/dev/null; then $(MAKE) --no-print-directory check-deploy; \
 	else echo 'skipped: make check-deploy, which needs promtool (Debian: apt-get install prometheus)'; fi
@@ -39,6 +40,9 @@ check: venv  ## lint, format, types, import contracts, prose, deployment files; 
 check-deploy:  ## Prometheus configuration and rules (Debian: apt-get install prometheus)
 	promtool check config deploy/prometheus/prometheus.yml
 	promtool test rules deploy/prometheus/headway.rules.test.yml
+
+docs: venv  ## the documentation as a site, in build/site
+	$(BIN)/mkdocs build
 
 bench: venv  ## timing, side by side (pytest-benchmark)
 	@mkdir -p out
