@@ -95,7 +95,8 @@ def _compared(event: Event, verdict: np.void) -> list[Number]:
     """Compare the values of an update with the verdict on its last reading.
 
     Some values do not follow from a single row and are left out: suspect and confidence of a test between two cars, the
-    kind that an onset leaves open, and what becomes of a single odd reading in an event that began before.
+    kind that an onset leaves open, what becomes of a single odd reading in an event that began before, and the
+    confidence of an earlier reading.
     """
     numbers = [
         Number(name, getattr(event, name), _finite(verdict[name])) for name in ("statistic", "gate", "p_value", "nis")
@@ -114,7 +115,8 @@ def _compared(event: Event, verdict: np.void) -> list[Number]:
         if kind is not Kind.SHORT and event.kind is not wire.Kind.UNKNOWN:
             numbers.append(Number("kind", event.kind.value, kind.label))
         numbers.append(Number("sensor", event.sensor.value, Sensor(int(verdict["sensor"])).label))
-    if event.sensor is not wire.Sensor.LINK:
+    found = verdict["anomalous"] and Kind(int(verdict["kind"])).label == event.kind.value
+    if event.sensor is not wire.Sensor.LINK and (found or event.phase is Phase.ONSET):
         numbers.append(Number("confidence", event.confidence, _finite(verdict["confidence"])))
     return numbers
 

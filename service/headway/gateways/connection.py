@@ -16,7 +16,7 @@ class Connection:
     is_up: bool = False
     disconnections: int = 0
     sessions_lost: int = 0
-    """Times at which the broker had forgotten what it keeps for the gateway: messages of the absence are lost."""
+    """Times at which the broker had lost the session of the gateway, and with it the messages of the absence."""
     _absent_s: float = 0.0
     _since_ns: int = field(default_factory=time.monotonic_ns)
 
@@ -43,7 +43,7 @@ class Connection:
         self._since_ns = time.monotonic_ns()
         _log.warning("broker lost", reason=reason, disconnections=self.disconnections)
 
-    def forgotten(self) -> None:
+    def session_lost(self) -> None:
         """Note that the broker has lost what it kept for the gateway."""
         self.sessions_lost += 1
         _log.warning("the broker kept nothing: what was sent in the absence is lost", absent_s=round(self.absent_s, 3))

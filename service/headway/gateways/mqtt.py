@@ -99,7 +99,7 @@ class MqttClient:
             _log.warning("broker refuses", reason=str(reason))
             return
         if self._is_known and self._topics and not flags.session_present:
-            self.connection.forgotten()
+            self.connection.session_lost()
         self._is_known = True
         self.connection.up()
         _log.info("broker connected", topics=list(self._topics))

@@ -219,7 +219,7 @@ def test_a_mapping_that_cannot_be_used_is_one_line(tmp_path: Path, columns: str,
         rows_of(path, columns=columns)
 
 
-def test_a_folder_stands_for_the_recordings_in_it(tmp_path: Path) -> None:
+def test_a_folder_stands_for_the_safety_pilot_tables_in_it_or_the_recordings_of_a_format(tmp_path: Path) -> None:
     (tmp_path / "one" / "two").mkdir(parents=True)
     MADE["bsmp1.csv"].write(tmp_path / "one" / "BsmP1.CSV")
     MADE["gnss.csv"].write(tmp_path / "one" / "two" / "drive.csv")
@@ -228,10 +228,10 @@ def test_a_folder_stands_for_the_recordings_in_it(tmp_path: Path) -> None:
     (tmp_path / "one" / "BsmP1_empty.csv").write_text(BSM_P1_HEADER + "\n")
     (tmp_path / "one" / "nothing.csv").write_text("")
     found = rows_of(tmp_path / "one")
-    assert len(found) == 2 * len(READINGS)
-    assert {Path(row.source.name).name for row in found} == {"BsmP1.CSV", "drive.csv"}
+    assert len(found) == len(READINGS)
+    assert {Path(row.source.name).name for row in found} == {"BsmP1.CSV"}
     assert {Path(row.source.name).name for row in rows_of(tmp_path / "one", form="gnss")} == {"drive.csv"}
-    with pytest.raises(RecordingError, match="no recording in this folder"):
+    with pytest.raises(RecordingError, match="Is a directory: name the recordings in it"):
         rows_of(tmp_path / "one", form="pcap")
 
 

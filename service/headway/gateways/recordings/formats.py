@@ -76,6 +76,9 @@ FORMATS: Final[Mapping[str, Format]] = {
 }
 """By the word of `--format`, in the order in which they are tried; beside them there are `bsm` and `columns`."""
 
+_IN_FOLDERS: Final = ("bsmp1", "datawsu")
+"""Published as folders of tables; a folder of others may hold anything."""
+
 _BSM_READERS: Final[Mapping[str, Reader]] = {
     ".jsonl": read_lines, ".ndjson": read_lines, ".csv": read_csv, ".parquet": read_parquet
 }  # fmt: skip
@@ -110,7 +113,7 @@ class Recordings:
 def open_recordings(names: Sequence[str], form: str = AUTO, columns: str | None = None) -> Iterator[Recordings]:
     """Open recordings of one format, or each of the format that its first bytes or its name tell.
 
-    A folder stands for the recordings in it that their first bytes tell.
+    A folder stands for the recordings of `form` in it. With AUTO these are the tables of a Safety Pilot folder.
 
     `columns` is a mapping for tables that have columns of their own.
 
@@ -142,9 +145,10 @@ def _files(name: str, form: str, columns: str | None) -> Sequence[str]:
         return (name,)
     files = [str(file) for file in sorted(folder.rglob("*")) if file.is_file()]
     if columns is None:
-        files = [file for file in files if (found := _known(file)) is not None and form in (AUTO, found)]
+        forms = _IN_FOLDERS if form == AUTO else (form,)
+        files = [file for file in files if _known(file) in forms]
     if not files:
-        raise RecordingError(f"{name}: no recording in this folder")
+        raise RecordingError(f"{name}: Is a directory: name the recordings in it, or their --format")
     return files
 
 
