@@ -6,8 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from headway.cli.run.recorded.refusals import Reading
+from headway.cli.run.replay import Request, frames_of
+from headway.errors import UserError
 from headway_loadtest.sources.drive import SourceError
-from headway_loadtest.sources.sumo import run_program, simulate
+from headway_loadtest.sources.sumo import run_program
+from headway_loadtest.traffic.frames import Frame
+from headway_loadtest.traffic.sumo_frames import SumoFrames
 
 needs_sumo = pytest.mark.skipif(find_spec("sumo") is None, reason="eclipse-sumo is not installed: headway[sumo]")
 
@@ -36,52 +41,94 @@ def scenario(folder: Path, *, projection: bool) -> Path:
     return config
 
 
-@needs_sumo
-@pytest.mark.parametrize("projection", [False, True])
-def test_the_scenario_of_a_researcher_is_simulated(tmp_path: Path, projection: bool) -> None:
-    config, fcd = scenario(tmp_path, projection=projection), tmp_path / "fcd.xml"
-    simulate(config, 20.0, 1, fcd)
-    text = fcd.read_text()
-    assert {'type="car"', 'type="truck"'} <= set(text.split())
-    x = float(text.partition(' x="')[2].partition('"')[0])
-    assert (10.9 < x < 11.1) if projection else x < 100.0
+def replayed(config: Path, seconds: float = 30.0, inject: str | None = None, seed: int = 1) -> SumoFrames:
+    frames, length_s = frames_of(Request(Reading([f"sumo:{config}"]), "local", 1.0, inject, seed, seconds))
+    assert isinstance(frames, SumoFrames)
+    assert length_s == seconds
+    return frames
+
+
+def column(frames: list[Frame], row: int, name: str) -> np.ndarray:
+    return np.concatenate([getattr(frame, name)[frame.row == row] for frame in frames])
+
+
+def rows_of(frames: list[Frame]) -> dict[str, int]:
+    return {vehicle.id: vehicle.row for frame in frames for vehicle in frame.entering}
 
 
 @needs_sumo
 @pytest.mark.parametrize("projection", [False, True])
-def test_its_vehicles_are_replayed_with_faults(tmp_path: Path, projection: bool) -> None:
-    from rich.console import Console
-
-    from headway.cli.run.recorded.refusals import Reading
-    from headway.cli.run.recorded.scenes import simulated
-    from headway.cli.run.replay import Request, frames_of
-
-    config = scenario(tmp_path, projection=projection)
-    reading = simulated(Reading([f"sumo:{config}"]), 30.0, 1, tmp_path, Console(quiet=True))
-    clean, length_s = frames_of(Request(reading, "local", 1.0, None, 1, 30.0))
-    assert 29.0 < length_s <= 30.0
-    frames = list(clean)
-    vehicles = {vehicle.id for frame in frames for vehicle in frame.entering}
-    assert {"cars.0", "cars.1", "trucks.0"} <= vehicles
-    row = next(vehicle.row for vehicle in frames[0].entering if vehicle.id == "cars.0")
-    t_s, lat, lon, speed_mps = (
-        np.concatenate([getattr(frame, name)[frame.row == row] for frame in frames])
-        for name in ("t_us", "lat", "lon", "speed_mps")
+def test_the_vehicles_of_a_researcher_are_sent_as_they_drive(tmp_path: Path, projection: bool) -> None:
+    frames = list(replayed(scenario(tmp_path, projection=projection)))
+    rows = rows_of(frames)
+    assert {"cars.0", "cars.1", "trucks.0"} <= set(rows)
+    lengths = {vehicle.id: vehicle.length_m for frame in frames for vehicle in frame.entering}
+    assert (lengths["cars.0"], lengths["trucks.0"]) == (4.5, 12.0)
+    t_us, lat, lon, speed_mps, msg_cnt, heading_deg = (
+        column(frames, rows["cars.0"], name) for name in ("t_us", "lat", "lon", "speed_mps", "msg_cnt", "heading_deg")
     )
+    assert np.diff(t_us).tolist() == [100_000] * (len(t_us) - 1)
+    assert msg_cnt.tolist() == [n % 128 for n in range(len(t_us))]
+    assert 280 <= len(t_us) <= 300
+    assert lat == pytest.approx(np.full(len(lat), 48.0), abs=1e-4)
+    assert heading_deg == pytest.approx(np.full(len(lat), 90.0), abs=2.0)  # grid north of UTM
     east_m = np.diff(np.radians(lon)) * 6_378_137 * np.cos(np.radians(lat[0]))
-    assert east_m == pytest.approx(np.diff(t_s) / 1e6 * speed_mps[1:], abs=0.1)
-    faulty, _ = frames_of(Request(reading, "local", 1.0, "c=1,share=0.9", 1, 30.0))
-    list(faulty)
-    assert {label.vehicle for label in faulty.labels} & vehicles
+    assert east_m == pytest.approx(0.1 * speed_mps[1:], abs=0.1)
 
 
-def test_a_scenario_that_does_not_run_is_one_line(tmp_path: Path) -> None:
+@needs_sumo
+def test_the_scenario_is_stepped_while_it_is_sent(tmp_path: Path) -> None:
+    frames = iter(replayed(scenario(tmp_path, projection=False), seconds=1e6))
+    assert [int(next(frames).t_us[0]) for _ in range(3)] == [0, 100_000, 200_000]
+    frames.close()
+
+
+@needs_sumo
+def test_faults_are_what_is_added_and_their_labels_say_when(tmp_path: Path) -> None:
+    config = scenario(tmp_path, projection=False)
+    clean = list(replayed(config))
+    faulty = replayed(config, inject="c=4,p=0.02,kinds=bias+miss,share=0.7")
+    sent = list(faulty)
+    rows = rows_of(clean)
+    assert rows_of(sent) == rows
+    assert faulty.labels
+    assert {label.vehicle for label in faulty.labels} < set(rows)
+    for vehicle, row in rows.items():
+        labels = [label for label in faulty.labels if label.vehicle == vehicle]
+        t_us = column(sent, row, "t_us")
+        before = dict(zip(column(clean, row, "t_us").tolist(), column(clean, row, "speed_mps").tolist(), strict=True))
+        differs = t_us[np.array([before[t] for t in t_us.tolist()]) != column(sent, row, "speed_mps")]
+        said = [label for label in labels if label.sensor == "speed"]
+        within = [t for t in t_us.tolist() if any(label.start_us <= t <= label.stop_us for label in said)]
+        assert differs.tolist() == within
+        gaps = [(t_us[i], t_us[i + 1]) for i in np.flatnonzero(np.diff(t_us) > 100_000)]
+        assert gaps == [(label.start_us, label.stop_us) for label in labels if label.sensor == "link"]
+
+
+@needs_sumo
+def test_the_same_seed_replays_the_same(tmp_path: Path) -> None:
+    config = scenario(tmp_path, projection=False)
+    one, again = (list(replayed(config, 10.0, "c=1")) for _ in range(2))
+    assert [frame.speed_mps.tolist() for frame in one] == [frame.speed_mps.tolist() for frame in again]
+
+
+@needs_sumo
+def test_a_scenario_ends_when_nobody_is_left(tmp_path: Path) -> None:
+    frames = list(replayed(scenario(tmp_path, projection=False), seconds=10_000.0))
+    assert frames[-1].t_us[0] < 400e6
+
+
+def test_what_cannot_be_replayed_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(SourceError, match=r"sumo:nowhere\.sumocfg: no such file"):
-        simulate(Path("nowhere.sumocfg"), 1.0, 1, tmp_path / "fcd.xml")
+        list(replayed(Path("nowhere.sumocfg")))
+    with pytest.raises(SourceError, match="need whole drives"):
+        replayed(tmp_path, inject="kinds=replay")
+    with pytest.raises(UserError, match="by itself"):
+        frames_of(Request(Reading(["sumo:a.sumocfg", "synthetic:3"]), "local", 1.0, None, 1, 1.0))
 
 
 @needs_sumo
 def test_what_sumo_refuses_is_its_own_first_line(tmp_path: Path) -> None:
     (tmp_path / "bad.sumocfg").write_text('<configuration><net-file value="absent.xml"/></configuration>')
     with pytest.raises(SourceError, match=r"sumo: Error: .*absent"):
-        simulate(tmp_path / "bad.sumocfg", 1.0, 1, tmp_path / "fcd.xml")
+        list(replayed(tmp_path / "bad.sumocfg"))

@@ -1,9 +1,8 @@
 """Drives sent to a service that runs."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Final
 
 from rich.console import Console
@@ -11,8 +10,9 @@ from rich.console import Console
 from headway.cli.run.bus import BusAccess, only
 from headway.cli.run.progress import in_one_line, progress_bar
 from headway.cli.run.recorded.refusals import Reading
-from headway.cli.run.recorded.scenes import RecordedRows, is_recorded, simulated
+from headway.cli.run.recorded.scenes import RecordedRows, is_recorded
 from headway.errors import UserError
+from headway.gateways.recordings.tables.cells import identifier
 from headway_loadtest import run as runs
 from headway_loadtest.inject.faults import Spec
 from headway_loadtest.inject.spec import parse_spec
@@ -20,9 +20,11 @@ from headway_loadtest.measure.report import show
 from headway_loadtest.sources import parse_sources, synthetic_vehicles
 from headway_loadtest.sources.drive import Scene
 from headway_loadtest.sources.records import RecordedDrives
+from headway_loadtest.sources.sumo import PREFIX
 from headway_loadtest.traffic.fleet import FleetFrames
 from headway_loadtest.traffic.frames import SceneFrames, span_s
 from headway_loadtest.traffic.session import connect
+from headway_loadtest.traffic.sumo_frames import SumoFrames
 from headway_schemas.keys import Keys
 
 SCENES_AT_ONCE = 500
@@ -53,10 +55,7 @@ def replay(request: Request, bus: BusAccess) -> None:
     """
     endpoint = only(bus.endpoints)
     console = Console()
-    with in_one_line(), TemporaryDirectory(prefix="headway-replay-") as folder:
-        request = replace(
-            request, reading=simulated(request.reading, request.seconds, request.seed, Path(folder), console)
-        )
+    with in_one_line():
         frames, length_s = frames_of(request)
         plan = runs.Plan(speed=request.speed, span_s=length_s)
         console.print(f"Connecting to {endpoint or bus.zenoh_config} ...", highlight=False)
@@ -72,6 +71,8 @@ def frames_of(request: Request) -> tuple[runs.Frames, float]:
     """Return the frames of the sources, and how many seconds they last."""
     spec = parse_spec(request.inject) if request.inject is not None else None
     sources = request.reading.sources
+    if any(word.startswith(PREFIX) for word in sources):
+        return _simulated(request, spec), request.seconds
     if is_recorded(request.reading):
         return _lasting(request, RecordedDrives(RecordedRows(request.reading)), spec, DRIVES_APART_S)
     vehicles = sum(map(synthetic_vehicles, sources))
@@ -83,6 +84,13 @@ def frames_of(request: Request) -> tuple[runs.Frames, float]:
             f" consistent, at most {SCENES_AT_ONCE} synthetic vehicles drive at once"
         )
     return _lasting(request, parse_sources(sources, seconds=request.seconds, seed=request.seed), spec, None)
+
+
+def _simulated(request: Request, spec: Spec | None) -> SumoFrames:
+    if len(request.reading.sources) > 1:
+        raise UserError("a SUMO scenario is replayed by itself: leave the other sources out")
+    config = Path(request.reading.sources[0].removeprefix(PREFIX))
+    return SumoFrames(config, request.seconds, identifier, seed=request.seed, inject=spec)
 
 
 def _lasting(

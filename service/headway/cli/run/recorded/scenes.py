@@ -1,4 +1,4 @@
-"""Recordings and SUMO scenarios as what the load generator replays."""
+"""Recordings as what the load generator replays."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -6,13 +6,11 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-from rich.console import Console
-
 from headway.cli.run.recorded.refusals import Reading, Refusals
 from headway.feeds.refusal import MALFORMED, UNAVAILABLE, Refusal
 from headway.gateways.recordings.formats import AUTO, Located, open_recordings, recognised
 from headway.gateways.recordings.reader import RecordingError
-from headway_loadtest.sources import SourceError, sumo
+from headway_loadtest.sources import SourceError
 from headway_schemas.bsm import NEEDED
 from headway_schemas.fields import T_US_MAX
 from headway_schemas.keys import is_id
@@ -88,23 +86,3 @@ def _problem(record: dict[str, Any]) -> Refusal | None:
     elif type(record["t_us"]) is not int or not 0 <= record["t_us"] <= T_US_MAX:
         wrong = "t_us"
     return None if wrong is None else Refusal(MALFORMED, f"{wrong}: not a value of its kind")
-
-
-def simulated(reading: Reading, seconds: float, seed: int, folder: Path, console: Console) -> Reading:
-    """Run the scenario of `sumo:CONFIG.sumocfg`, if that is what is replayed, and return its floating car data.
-
-    Raises
-    ------
-    SourceError
-        It is not the only source, or SUMO refuses it.
-    """
-    sources = reading.sources
-    configs = [word.removeprefix(sumo.PREFIX) for word in sources if word.startswith(sumo.PREFIX)]
-    if not configs:
-        return reading
-    if len(sources) > 1:
-        raise SourceError("a SUMO scenario is replayed by itself: leave the other sources out")
-    console.print(f"Simulating {configs[0]} ...", highlight=False)
-    fcd = folder / f"{Path(configs[0]).stem}.xml"
-    sumo.simulate(Path(configs[0]), seconds, seed, fcd)
-    return Reading([str(fcd)], "fcd")
