@@ -283,3 +283,10 @@ def test_core_and_wire_use_the_same_words() -> None:
 def test_msgpack_is_read_as_the_library_writes_it() -> None:
     single_precision = msgpack.packb(record(), use_single_float=True)
     assert decode(received(single_precision)).batch.lat_deg[0] == np.float32(42.3)
+
+
+@pytest.mark.parametrize("field", ["msg_cnt", "t_us", "lat", "speed_mps", "elev_m"])
+def test_an_integer_beyond_a_double_rejects_its_record_and_spoils_no_other(field: str) -> None:
+    decoded = Codec(KEYS).decode([received([record(**{field: 10**400}), record("b")], "gw-1", BSM_JSON)])
+    assert ids_of(decoded.batch.ids) == ["b"]
+    assert [(one.reason.outcome, one.index) for one in decoded.rejections] == [(Outcome.OUT_OF_RANGE, 0)]

@@ -111,9 +111,10 @@ def _number(value: Any, kinds: frozenset[type]) -> float:
     """Return NaN for null, and infinity, which no limit allows, for what the model does not accept as a number."""
     if value is None:
         return math.nan
-    if type(value) not in kinds or math.isnan(value):
+    if type(value) not in kinds:
         return math.inf
     try:
-        return float(value)
+        number = float(value)
     except OverflowError:
         return math.inf
+    return math.inf if math.isnan(number) else number
