@@ -1,6 +1,7 @@
 """The journal: what was stated is there, on the page where it belongs, until it is too old or too much."""
 
 import json
+import os
 import sqlite3
 import tempfile
 from contextlib import closing
@@ -310,6 +311,36 @@ def test_a_file_that_another_process_holds_is_locked(path: Path, monkeypatch: py
     assert reason_of(raised.value) is Reason.LOCKED
     writer.write([update(3)])
     assert detected(path) == [3, 1]
+
+
+def test_a_file_that_another_program_touches_is_checked_once(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    writer, checks = journal_at(path), list[int]()
+    writer.write([update(1)])
+    check_content = writer.check_content
+    monkeypatch.setattr(writer, "check_content", lambda: (checks.append(1), check_content()))
+    os.utime(path)
+    writer.write([update(2)])
+    assert [writer.check() for _ in range(3)] == [True] * 3
+    assert checks == [1]
+
+
+def test_a_page_that_another_program_overwrites_is_found_at_the_next_check(path: Path) -> None:
+    writer = journal_at(path)
+    writer.write([update(n) for n in range(200)])
+    writer.close()
+    writer.write([update(200)])
+    assert writer.check()
+    size = path.stat().st_size
+    with path.open("r+b") as file:
+        file.seek(size // 2)
+        file.write(b"\xff" * 8_192)
+    with pytest.raises(sqlite3.DatabaseError) as raised:
+        writer.check()
+    assert reason_of(raised.value) is Reason.CORRUPT
+    assert path.with_name(path.name + ".damaged").exists()
+    assert writer.check()
+    writer.write([update(201)])
+    assert detected(path) == [201]
 
 
 def test_a_damaged_file_a_foreign_one_and_no_folder_have_their_reasons(tmp_path: Path) -> None:

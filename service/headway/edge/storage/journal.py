@@ -107,6 +107,9 @@ class Journal:
         self._bytes_limit = int(megabytes * 1e6)
         self._db: sqlite3.Connection | None = None
         self._inode = 0
+        self._written_ns = 0
+        """When this process last changed the file."""
+        self._is_changed = False
         self._config_ids: dict[str, int] = {}
         self.used_bytes = 0
         """Size of the content and of the write-ahead log, as of the last step of pruning."""
@@ -155,6 +158,10 @@ class Journal:
         is_same = self._db is None or self._is_same_file()
         if not is_same:
             self.close()
+        elif self._is_changed_by_others():
+            _log.error("journal was changed by another program; its content is checked")
+            self.check_content()
+            self._is_changed = False
         with self._recovering():
             db = self._opened()
             db.execute("SELECT event FROM details ORDER BY update_id DESC LIMIT 1").fetchall()
@@ -188,6 +195,7 @@ class Journal:
         if self._db is not None:
             self._db.close()
             self._db = None
+            self._is_changed = False
             self._config_ids.clear()
 
     def _opened(self) -> sqlite3.Connection:
@@ -207,8 +215,10 @@ class Journal:
     @contextmanager
     def _recovering(self) -> Iterator[None]:
         """Close the file after an error; move a damaged file, and one of the format before this, aside."""
+        self._is_changed = self._is_changed_by_others()
         try:
             yield
+            self._written_ns = self._changed_ns()
         except sqlite3.Error as error:
             self.close()
             ending = "damaged" if reason_of(error) is Reason.CORRUPT else None
@@ -224,6 +234,16 @@ class Journal:
             return self._path.stat().st_ino == self._inode
         except FileNotFoundError:
             return False
+
+    def _is_changed_by_others(self) -> bool:
+        return self._is_changed or (self._db is not None and self._changed_ns() != self._written_ns)
+
+    def _changed_ns(self) -> int:
+        """Return when the file last changed; 0 where it is gone."""
+        try:
+            return self._path.stat().st_mtime_ns
+        except OSError:
+            return 0
 
     @property
     def _wal_bytes(self) -> int:
