@@ -224,7 +224,7 @@ def test_the_example_in_python_shows_the_history_what_is_new_and_what_was_missed
                 return ""
             until(lambda: published(7))
             published(9)
-            return missed.get(timeout=10.0)
+            return missed.get(timeout=60.0)
 
         asked = session.declare_queryable(keys.alerts, answer)
         assert "tcp/127.0.0.1:7447" in example

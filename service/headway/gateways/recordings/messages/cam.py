@@ -32,8 +32,8 @@ def read(source: Source) -> Iterator[Row]:
 
 
 def counted(row: Row, counts: MessageCounts) -> Row:
-    """Return the row of a CAM with a message count, which it does not have."""
-    if row.refusal is None:
+    """Return the row of a CAM with a message count, which it does not have; one without an id is refused later."""
+    if "id" in row.record:
         row.record["msg_cnt"] = counts.next(str(row.record["id"]))
     return row
 
