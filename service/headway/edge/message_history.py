@@ -60,7 +60,9 @@ class _Span:
         self.payloads += payloads
         self.encodings += map(_ENCODING, messages)
         received_us = batch.received_us + clock_offset_us
-        part = _Records(batch.ids, batch.t_us, received_us, decoded.sources + first, decoded.indices)
+        # Copies, because a column may be a view that keeps all columns of its batch in memory.
+        ids, t_us, indices = batch.ids.copy(), batch.t_us.copy(), decoded.indices.copy()
+        part = _Records(ids, t_us, received_us, decoded.sources + first, indices)
         self.parts.append(part)
         size = sum(map(len, payloads)) + _OBJECT_BYTES * len(payloads) + sum(column.nbytes for column in part)
         self.size += size
