@@ -18,6 +18,7 @@ from headway.dashboard.access import WRITABLE, AccessControl
 from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.sse import EventStream
 from headway.dashboard.view_state import Row, update_row
+from headway.errors import first_problem
 from headway_schemas import Event
 from headway_schemas.fields import Id
 from headway_schemas.handling import HandlingRequest
@@ -76,8 +77,7 @@ class _Page:
         try:
             query = AlertsQuery.from_parameters(parameters)
         except ValidationError as error:
-            problem = error.errors()[0]
-            return PlainTextResponse(f"{problem['loc'][0]}: {problem['msg']}\n", 400)
+            return PlainTextResponse(f"{first_problem(error)}\n", 400)
         found = await self._broadcaster.history(sites, query)
         rows = self._events(found.events) if query.newest else list(map(update_row, found.events))
         oldest_us = found.events[-1].detected_us if len(found.events) >= query.limit else None
@@ -126,8 +126,7 @@ class _Page:
         try:
             asked = _SiteRequest.model_validate_json(body)
         except ValidationError as error:
-            problem = error.errors(include_url=False)[0]
-            return PlainTextResponse(f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}\n", 400)
+            return PlainTextResponse(f"{first_problem(error)}\n", 400)
         if asked.site not in self._broadcaster.sites:
             return PlainTextResponse(f"site: one of {', '.join(self._broadcaster.sites)}\n", 400)
         answer = await self._broadcaster.handle(asked.site, HandlingRequest(**asked.model_dump(exclude={"site"})))

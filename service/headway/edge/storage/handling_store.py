@@ -6,20 +6,16 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Final
 
-from pydantic import ValidationError
-
 from headway.edge.clock import Clock
-from headway.edge.storage.journal_format import LOCK_S, reason_of
+from headway.edge.storage.journal_format import LOCK_S
+from headway.edge.storage.queryable import JournalQueryable
 from headway.edge.transport.ports import Query
-from headway.edge.worker import Worker
 from headway_schemas.encodings import HANDLINGS_JSON
 from headway_schemas.handling import HANDLINGS, Action, Handling, HandlingRequest
 
 HANDLINGS_MAX: Final = 10_000
 """Most that are kept; the oldest go first."""
 _REQUEST_BYTES_MAX: Final = 4_096
-_QUERIES_MAX: Final = 64
-_CLOSE_S: Final = 1.0
 _TABLE: Final = """CREATE TABLE IF NOT EXISTS handlings (
     id INTEGER PRIMARY KEY, site TEXT NOT NULL, vehicle TEXT NOT NULL, is_note INTEGER NOT NULL, handling TEXT NOT NULL
 )"""
@@ -53,34 +49,21 @@ def _writing(path: Path) -> Iterator[sqlite3.Connection]:
         db.execute("COMMIT")
 
 
-class HandlingQueryable:
-    """Answers requests in a thread of its own; it calls `publish` with what it stored."""
+class HandlingQueryable(JournalQueryable):
+    """Answers requests to handle a vehicle, and queries for all; it calls `publish` with what it stored."""
+
+    trouble = "the journal cannot be used"
 
     def __init__(self, path: Path, site: str, clock: Clock, publish: Callable[[Handling], None]) -> None:
+        super().__init__("headway-handling")
         self._path = path
         self._site = site
         self._clock = clock
         self._publish = publish
-        self._worker = Worker("headway-handling", _QUERIES_MAX, sqlite3.Error)
 
-    def ask(self, query: Query) -> None:
-        """Queue a request."""
-        self._worker.put(lambda: self._answer(query))
-
-    def close(self) -> None:
-        """Answer the requests that wait."""
-        self._worker.close(_CLOSE_S)
-
-    def _answer(self, query: Query) -> None:
-        try:
-            found = [self._handle(query.payload)] if query.payload else newest(self._path, self._site)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            query.refuse(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
-        except sqlite3.Error as error:
-            query.refuse(f"the journal cannot be used ({reason_of(error)}): {error}")
-        else:
-            query.answer(HANDLINGS.dump_json(found), HANDLINGS_JSON)
+    def _found(self, query: Query) -> tuple[bytes, str]:
+        found = [self._handle(query.payload)] if query.payload else newest(self._path, self._site)
+        return HANDLINGS.dump_json(found), HANDLINGS_JSON
 
     def _handle(self, payload: bytes) -> Handling:
         asked = HandlingRequest.model_validate_json(payload[:_REQUEST_BYTES_MAX])

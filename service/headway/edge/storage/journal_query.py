@@ -7,11 +7,9 @@ from contextlib import closing
 from pathlib import Path
 from typing import Final
 
-from pydantic import ValidationError
-
-from headway.edge.storage.journal_format import BRIEF, LOCK_S, WHOLE, Reason, StoredRow, reason_of, require_format
+from headway.edge.storage.journal_format import BRIEF, LOCK_S, WHOLE, StoredRow, require_format
+from headway.edge.storage.queryable import JournalQueryable
 from headway.edge.transport.ports import Query
-from headway.edge.worker import Worker
 from headway_schemas.encodings import EVENTS_JSON
 from headway_schemas.query import AlertsQuery
 
@@ -19,9 +17,6 @@ _QUERY_S: Final = 5.0
 """A query that takes longer is refused."""
 _EVIDENCE_BYTES: Final = 8 << 20
 """Most evidence in one answer; older updates come without, because zenoh drops messages above 16 MB."""
-_QUERIES_MAX: Final = 64
-"""Most queries that wait."""
-_CLOSE_S: Final = 1.0
 _PAGE: Final = 500
 """Rows that one statement reads."""
 
@@ -91,36 +86,16 @@ def page(path: Path, query: AlertsQuery, site: str | None = None) -> list[bytes]
     return found
 
 
-class HistoryQueryable:
-    """Answers queries from the journal in a thread of its own, whatever the loop and the writer do.
+class HistoryQueryable(JournalQueryable):
+    """Answers queries for the history of events; it calls `on_damage` when it finds the file damaged."""
 
-    It calls `on_damage` when it finds the file damaged.
-    """
+    trouble = "the journal cannot be read"
 
     def __init__(self, path: Path, site: str, on_damage: Callable[[], None]) -> None:
+        super().__init__("headway-history", on_damage)
         self._path = path
-        self._on_damage = on_damage
         self._site = site
-        self._worker = Worker("headway-history", _QUERIES_MAX, sqlite3.Error)
 
-    def ask(self, query: Query) -> None:
-        """Queue a query."""
-        self._worker.put(lambda: self._answer(query))
-
-    def close(self) -> None:
-        """Answer the queries that wait."""
-        self._worker.close(_CLOSE_S)
-
-    def _answer(self, query: Query) -> None:
-        try:
-            asked = AlertsQuery.from_parameters(query.parameters)
-            found = page(self._path, asked, self._site)
-        except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            query.refuse(f"{'.'.join(map(str, first['loc']))}: {first['msg']}")
-        except sqlite3.Error as error:
-            if reason_of(error) is Reason.CORRUPT:
-                self._on_damage()
-            query.refuse(f"the journal cannot be read ({reason_of(error)}): {error}")
-        else:
-            query.answer(b"[" + b",".join(found) + b"]", EVENTS_JSON)
+    def _found(self, query: Query) -> tuple[bytes, str]:
+        found = page(self._path, AlertsQuery.from_parameters(query.parameters), self._site)
+        return b"[" + b",".join(found) + b"]", EVENTS_JSON
