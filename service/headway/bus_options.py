@@ -12,8 +12,10 @@ from headway.errors import UserError, zenoh_reason
 _OPEN_TIMEOUT_MS: Final = 2_000
 
 
-def client_configuration(connect: Sequence[str], file: Path | None) -> zenoh.Config:
-    """Return what a session is opened with; a named endpoint overrides that of the file.
+def client_configuration(
+    connect: Sequence[str], file: Path | None, more: Sequence[tuple[str, Any]] = ()
+) -> zenoh.Config:
+    """Return what a session is opened with; a named endpoint overrides that of the file, and `more` all else.
 
     Raises
     ------
@@ -22,7 +24,7 @@ def client_configuration(connect: Sequence[str], file: Path | None) -> zenoh.Con
     """
     try:
         config = zenoh.Config() if file is None else zenoh.Config.from_file(file)
-        for path, value in _options(connect):
+        for path, value in (*_options(connect), *more):
             config.insert_json5(path, json.dumps(value))
     except zenoh.ZError as error:
         raise UserError(f"{file or ', '.join(connect)}: {zenoh_reason(error)}") from None

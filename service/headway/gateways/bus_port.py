@@ -1,23 +1,28 @@
 """A client session of a gateway, and the two ways over it: frames onto the bus, alerts off it."""
 
-import json
 import threading
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import structlog
 import zenoh
 
-from headway.errors import UserError, zenoh_reason
+from headway.bus_options import client_configuration
+from headway.errors import zenoh_reason
 from headway.gateways.frame_queue import PUT_FAILED, FrameQueue
 from headway_schemas.frames import Frame, pack
 
-_OPEN_TIMEOUT_MS: Final = 2_000
 _RETRY_S: Final = 1.0
 _BLOCK_US: Final = 10_000_000
 """How long a put waits for a full transport before zenoh closes it."""
+_OPTIONS: Final = (
+    ("mode", "client"),
+    ("connect/exit_on_failure", True),
+    ("transport/link/tx/queue/congestion_control/block/wait_before_close", _BLOCK_US),
+)
+"""A gateway puts by one router, also where several are named."""
 _LINGER_S: Final = 0.004
 """How long frames gather for a bundle."""
 _POLL_S: Final = 0.1
@@ -38,12 +43,7 @@ def open_session(
     UserError
         The endpoints or the file are no configuration of zenoh.
     """
-    try:
-        config = zenoh.Config() if zenoh_config is None else zenoh.Config.from_file(zenoh_config)
-        for path, value in _options(endpoints):
-            config.insert_json5(path, json.dumps(value))
-    except zenoh.ZError as error:
-        raise UserError(f"{zenoh_config or ', '.join(endpoints)}: {zenoh_reason(error)}") from None
+    config = client_configuration(endpoints, zenoh_config, _OPTIONS)
     while not stopping():
         try:
             return zenoh.open(config)
@@ -51,21 +51,6 @@ def open_session(
             _log.warning("no bus yet", error=zenoh_reason(error), again_in_s=_RETRY_S)
             time.sleep(_RETRY_S)
     return None
-
-
-def _options(endpoints: Sequence[str]) -> list[tuple[str, Any]]:
-    options: list[tuple[str, Any]] = [
-        ("mode", "client"),
-        ("listen/endpoints", []),
-        ("connect/exit_on_failure", True),
-        ("connect/timeout_ms", _OPEN_TIMEOUT_MS),
-        ("connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2}),
-        ("scouting/multicast/enabled", False),
-        ("scouting/gossip/enabled", False),
-        ("transport/shared_memory/enabled", False),
-        ("transport/link/tx/queue/congestion_control/block/wait_before_close", _BLOCK_US),
-    ]
-    return [*options, ("connect/endpoints", list(endpoints))] if endpoints else options
 
 
 class Forwarder:
