@@ -75,7 +75,7 @@ def is_consistent(pair_fault: Any, t_s: float) -> bool:
 
 @njit(cache=True, error_model="numpy")
 def is_witnessed(behind: Any, ahead: Any, behind_both: Any, ahead_of_both: Any, t_s: float) -> bool:
-    """Whether the pair `behind`, or that `ahead`, contradicts the suspect too, and somebody supports that witness.
+    """Whether the pair `behind`, or that `ahead`, contradicts the suspect too, and another pair supports it.
 
     A driver may brake, or not, for reasons that the leader does not show. Then the vehicle behind responds to it. A
     vehicle that does not exist contradicts all others. So a witness counts that is consistent with a third vehicle: in

@@ -124,7 +124,7 @@ def step_pair_tests(pair_tests: Any, rows: Any, leaders: Any, readings: Any, p: 
             surprises = response.follower_surprise, response.leader_surprise
             log_odds = follower_log_odds(behind, ahead, *surprises, z.t_s)
             if verdict.kind == RANGE_KIND and not (is_consistent(behind, z.t_s) or is_inconsistent(ahead, z.t_s)):
-                log_odds = abs(log_odds)  # the range is the follower's word, and nobody supports it
+                log_odds = abs(log_odds)  # the range is the follower's alone: no other pair supports it
             hold_attribution(pair_test, log_odds, z.t_s)
         verdict.follower_log_odds = pair_test.log_odds
 
