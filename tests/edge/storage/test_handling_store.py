@@ -87,6 +87,18 @@ def test_without_a_journal_a_request_is_refused(tmp_path: Path) -> None:
     assert query.refusals[0].startswith("the journal cannot be used (no_access)")
 
 
+def test_many_handlings_leave_the_file_to_the_journal(tmp_path: Path) -> None:
+    path = tmp_path / "own.sqlite"
+    writer = Journal(path, site=IDENTITY.site, instance=IDENTITY.instance, days=1.0, megabytes=10.0)
+    writer.write([update(1)])
+    changed_ns = path.stat().st_mtime_ns
+    for n in range(1_000):
+        store(path, handling("a", Action.NOTE, n, note="x" * 200))
+    assert path.stat().st_mtime_ns == changed_ns
+    writer.close()
+    assert len(newest(path)) == 1
+
+
 def test_the_oldest_are_dropped(journal: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(handling_store, "HANDLINGS_MAX", 3)
     for n in range(6):

@@ -44,6 +44,7 @@ def store(path: Path, handling: Handling) -> None:
 def _writing(path: Path) -> Iterator[sqlite3.Connection]:
     address = f"{path.absolute().as_uri()}?mode=rw"
     with closing(sqlite3.connect(address, uri=True, timeout=LOCK_S, isolation_level=None)) as db:
+        db.execute("PRAGMA wal_autocheckpoint = 0")  # the journal does, and takes others for outsiders
         db.execute("BEGIN IMMEDIATE")
         yield db
         db.execute("COMMIT")
