@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 import msgpack
+import zenoh
 
 from headway.cli.run.service_process import running_service
 from headway_loadtest.traffic.session import connect
@@ -26,7 +27,8 @@ from headway_schemas.keys import Keys
 sys.path.insert(0, "tests")
 from feeds.asn1_modules import encode_bsm
 
-RATE_HZ, WARM_S, SITE, SPEED_MPS = 10, 5.0, "s", 20.0
+RATE_HZ, WARM_S, SITE, SPEED_MPS = 10, 5, "s", 20.0
+BLOCK: Final = zenoh.CongestionControl.BLOCK
 CPU: Final = "process_cpu_seconds_total"
 LAT, LON, LON_PER_M = 42.3, -83.7, 1 / 82_377.0
 CORE: Final[dict[str, Any]] = {
@@ -51,18 +53,22 @@ def packet(vehicle: int, count: int, at_s: float, lat: float, lon: float) -> byt
     return value.to_bytes(len(TEMPLATE), "big")
 
 
-def drive(vehicles: int, seconds: float, send: Callable[[int, int, float, float, float], None]) -> int:
-    """Send each message when it is due; return how many. Vehicles are 50 m apart on parallel roads."""
-    start_s, total, sent = time.time() + 0.5, int(vehicles * RATE_HZ * seconds), 0
+Send = Callable[[int, int, float, float, float], None]
+
+
+def drive(vehicles: int, start_s: float, seconds: range, send: Send) -> int:
+    """Send each message of these seconds when it is due; return how many. Vehicles are 50 m apart on parallel roads."""
+    rate_hz = vehicles * RATE_HZ
+    sent, total = seconds.start * rate_hz, seconds.stop * rate_hz
     while sent < total:
-        due = min(total, int((time.time() - start_s) * vehicles * RATE_HZ))
+        due = min(total, int((time.time() - start_s) * rate_hz))
         for j in range(sent, due):
-            vehicle, at_s = j % vehicles, start_s + j / (vehicles * RATE_HZ)
+            vehicle, at_s = j % vehicles, start_s + j / rate_hz
             east_m = 50.0 * (vehicle % 50) + SPEED_MPS * (at_s - start_s)
             send(vehicle, j // vehicles, at_s, LAT + 0.002 * (vehicle // 50), LON + east_m * LON_PER_M)
         sent = max(sent, due)
         time.sleep(0.0005)
-    return total
+    return len(seconds) * rate_hz
 
 
 def scrape(url: str) -> dict[str, float]:
@@ -85,9 +91,7 @@ def percentile_ms(before: dict[str, float], after: dict[str, float], share: floa
     return round(1e3 * (edges[i - 1] + within * (edges[i] - edges[i - 1])), 2)
 
 
-def through_gateway(
-    endpoint: str,
-) -> tuple[Callable[[int, int, float, float, float], None], Callable[[], dict[str, Any]]]:
+def through_gateway(endpoint: str) -> tuple[Send, Callable[[], dict[str, Any]]]:
     """Start the gateway; return what sends a packet to it, and what ends it and tells its account."""
     ports = [probe.getsockname()[1] for probe in (socket.create_server(("127.0.0.1", 0)) for _ in range(2))]
     command = (
@@ -115,7 +119,7 @@ def through_gateway(
     return lambda *message: sender.send(packet(*message)) and None, end
 
 
-def direct(endpoint: str) -> tuple[Callable[[int, int, float, float, float], None], Callable[[], dict[str, Any]]]:
+def direct(endpoint: str) -> tuple[Send, Callable[[], dict[str, Any]]]:
     """Return what puts bundles of 25 records on the bus."""
     session, key, waiting = connect(endpoint), Keys("v2x", SITE).bsm("gw-direct"), list[Any]()
 
@@ -123,7 +127,7 @@ def direct(endpoint: str) -> tuple[Callable[[int, int, float, float, float], Non
         at_us = int(at_s * 1e3) * 1000
         waiting.append([1, f"{vehicle:08X}", count % 128, at_us, lat, lon, SPEED_MPS, 90.0, 260.0, 0.0, 1.0, 4.6, 1.9])
         if len(waiting) == 25:
-            session.put(key, msgpack.packb(waiting), encoding=BSM_MSGPACK)
+            session.put(key, msgpack.packb(waiting), encoding=BSM_MSGPACK, congestion_control=BLOCK)
             waiting.clear()
 
     def end() -> dict[str, Any]:
@@ -136,27 +140,27 @@ def direct(endpoint: str) -> tuple[Callable[[int, int, float, float, float], Non
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--vehicles", type=int, default=2000)
-    parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--seconds", type=int, default=20)
     options = parser.parse_args()
     for way in (direct, through_gateway):
         settings = {"site": SITE, "vehicle_capacity": 2 * options.vehicles, "sender_rate_hz": 1_000_000}
         with running_service(settings) as child:
             send, end = way(child.endpoint)
-            drive(options.vehicles, WARM_S, send)
-            time.sleep(1.0)
+            start_s = time.time() + 0.5
+            sent = drive(options.vehicles, start_s, range(WARM_S), send)
             before = scrape(child.metrics_url)
-            sent = drive(options.vehicles, options.seconds, send)
+            sent += drive(options.vehicles, start_s, range(WARM_S, WARM_S + options.seconds), send)
             time.sleep(1.0)
             after = scrape(child.metrics_url)
             outcomes = {
-                name.partition('"')[2].rstrip('"}'): value - before.get(name, 0.0)
+                name.partition('"')[2].rstrip('"}'): value
                 for name, value in after.items()
-                if name.startswith("headway_records_total") and value > before.get(name, 0.0)
+                if name.startswith("headway_records_total") and value
             }
             found = {
                 "way": way.__name__, "sent": sent, "outcomes": outcomes, "unaccounted": sent - sum(outcomes.values()),
                 "latency_ms": {p: percentile_ms(before, after, p / 100) for p in (50, 99, 99.9)}, "gateway": end(),
-                "service_cpu_us": 1e6 * (after[CPU] - before[CPU]) / sent,
+                "service_cpu_us": 1e6 * (after[CPU] - before[CPU]) / (options.vehicles * RATE_HZ * options.seconds),
             }  # fmt: skip
             sys.stdout.write(json.dumps(found) + "\n")
 

@@ -1,4 +1,4 @@
-"""`headway judge` on recordings of every format: each row is accounted for, and clean drives raise no alarm."""
+"""`headway judge` on recordings with oddities: each row is accounted for, and clean drives raise no alarm."""
 
 import json
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from conftest import ROOT
-from gateways.recordings.made_files import ABSOLUTE_US, BSM_P1_HEADER, MADE, READINGS, bsm_p1_row, veremi_message
+from gateways.recordings.made_files import ABSOLUTE_US, BSM_P1_HEADER, READINGS, bsm_p1_row, veremi_message
 from typer.testing import CliRunner
 
 from headway.cli.app import app
@@ -26,15 +26,6 @@ def judged(*arguments: str | Path) -> tuple[dict[str, Any], list[str]]:
     summary: dict[str, Any] = json.loads(ran.stdout)
     assert summary["records"] == sum(summary["outcomes"].values())
     return summary, ran.stderr.splitlines()
-
-
-@pytest.mark.parametrize("name", MADE)
-def test_every_format_is_judged(tmp_path: Path, name: str) -> None:
-    MADE[name].write(tmp_path / name)
-    summary, refused = judged(tmp_path / name)
-    assert set(summary["outcomes"]) == {"scored", "warming"}
-    assert (summary["records"], summary["vehicles"], summary["alarms"]) == (len(READINGS), 2, 0)
-    assert refused == []
 
 
 @pytest.mark.parametrize(

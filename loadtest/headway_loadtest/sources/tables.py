@@ -11,7 +11,8 @@ import polars as pl
 
 from headway_loadtest.sources.drive import SourceError
 
-NULLS = ["", "NULL", "null"]
+NULLS = ["", "-", "N/A", "NA", "n/a", "NULL", "null", "NaN", "nan", "\\N"]
+"""Cells without a value, as data sets write them."""
 SPELLINGS = {"Rangerate": "RangeRate"}
 RUN = "run"
 BLOCK_BYTES = 1 << 24

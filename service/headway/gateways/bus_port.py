@@ -23,7 +23,7 @@ _OPTIONS: Final = (
     ("transport/link/tx/queue/congestion_control/block/wait_before_close", _BLOCK_US),
 )
 """A gateway puts by one router, also where several are named."""
-_LINGER_S: Final = 0.004
+_LINGER_S: Final = 0.001
 """How long frames gather for a bundle."""
 _POLL_S: Final = 0.1
 BUNDLE_FRAMES: Final = 250

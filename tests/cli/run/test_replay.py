@@ -12,14 +12,8 @@ from typer.testing import CliRunner
 from headway.cli.app import app
 from headway.cli.run.recorded.refusals import Reading
 from headway.cli.run.replay import Request, frames_of
-from headway.edge.codec.decoder import Codec
-from headway.edge.transport.message import ReceivedMessage
 from headway.errors import UserError
 from headway_loadtest.sources import SourceError
-from headway_loadtest.traffic.encode import Encoder
-from headway_loadtest.traffic.schedule import Schedule
-from headway_schemas.encodings import BSM_MSGPACK
-from headway_schemas.keys import Keys
 
 
 def request(*sources: str, inject: str | None = None, seconds: float = 1.0) -> Request:
@@ -94,25 +88,6 @@ def test_every_format_is_replayed_as_it_is(tmp_path: Path) -> None:
         assert lat == pytest.approx(np.sort([one.lat for one in READINGS]), abs=1e-7), name
 
 
-@pytest.mark.parametrize("name", MADE)
-def test_the_service_decodes_every_message_that_is_replayed(tmp_path: Path, name: str) -> None:
-    MADE[name].write(tmp_path / name)
-    keys, codec = Keys("v2x", "local"), Codec(Keys("v2x", "local"))
-    encoder = Encoder(keys)
-    frames, _ = frames_of(request(str(tmp_path / name), seconds=60.0))
-    schedule = Schedule(start_ns=0, start_unix_us=ABSOLUTE_US)
-    messages = [
-        ReceivedMessage(str(key), payload, BSM_MSGPACK, True, batch.last_event_us, 0)
-        for batch in encoder.batches(frames, schedule)
-        for key, payload in zip(batch.keys, batch.payloads, strict=True)
-    ]
-    decoded = codec.decode(messages)
-    assert decoded.rejections == []
-    assert len(decoded.batch) == len(READINGS)
-    speeds = np.sort([one.speed_mps for one in READINGS])
-    assert np.sort(decoded.batch.speed_mps) == pytest.approx(speeds, abs=0.011)
-
-
 def test_drives_of_other_days_are_replayed_one_after_the_other(tmp_path: Path) -> None:
     path = tmp_path / "BsmP1.csv"
     rows = [bsm_p1_row(one, us=ABSOLUTE_US + day * 86_400_000_000) for day in (1, 0) for one in READINGS]
@@ -135,3 +110,12 @@ def test_a_recording_and_another_source_are_refused(tmp_path: Path) -> None:
     MADE["fcd-geo.xml"].write(path)
     with pytest.raises(SourceError, match="recordings are replayed by themselves"):
         frames_of(request(str(path), "synthetic:3"))
+
+
+def test_a_folder_is_replayed_as_its_recordings(tmp_path: Path) -> None:
+    MADE["bsmp1.csv"].write(tmp_path / "BSMP1.CSV")
+    frames, _ = frames_of(request(str(tmp_path), seconds=60.0))
+    assert sum(map(len, frames)) == len(READINGS)
+    (tmp_path / "DataFrontTargets.csv").write_text("Device,Trip\n")
+    with pytest.raises(SourceError, match="DataWsu"):
+        frames_of(request(str(tmp_path)))

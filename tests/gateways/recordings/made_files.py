@@ -3,7 +3,7 @@
 import json
 import math
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -24,6 +24,12 @@ class Reading:
 
     car: int
     step: int
+    start_us: int = ABSOLUTE_US
+
+    @property
+    def t_us(self) -> int:
+        """Unix time, for formats that say it."""
+        return self.start_us + self.step * 100_000
 
     @property
     def t_s(self) -> float:
@@ -72,11 +78,11 @@ def bsm_p1_row(one: Reading, *, receiver: int = 17, us: int = ABSOLUTE_US) -> st
 
 
 def ode_message(one: Reading) -> dict[str, object]:
-    ms = (ABSOLUTE_US // 1000 + one.step * 100) % 60_000
-    minute_s = (ABSOLUTE_US // 1000 + one.step * 100) // 60_000 * 60
+    ms = one.t_us // 1000 % 60_000
+    minute_s = one.t_us // 60_000_000 * 60
     core = {
         "msgCnt": one.step % 128,
-        "id": f"0000000{one.car}",
+        "id": f"{one.car:08X}",
         "secMark": ms,
         "position": {"latitude": one.lat, "longitude": one.lon},
         "speed": one.speed_mps,
@@ -87,9 +93,9 @@ def ode_message(one: Reading) -> dict[str, object]:
 
 
 def raw_core(one: Reading) -> dict[str, int | str]:
-    ms = (ABSOLUTE_US // 1000 + one.step * 100) % 60_000
+    ms = one.t_us // 1000 % 60_000
     return {
-        "msgCnt": one.step % 128, "id": f"0000000{one.car}", "secMark": ms, "lat": round(one.lat * 1e7),
+        "msgCnt": one.step % 128, "id": f"{one.car:08X}", "secMark": ms, "lat": round(one.lat * 1e7),
         "long": round(one.lon * 1e7), "speed": round(one.speed_mps * 50), "heading": 0,
     }  # fmt: skip
 
@@ -100,7 +106,7 @@ def _thea(path: Path) -> None:
         core = "".join(f"<{name}>{value}</{name}>" for name, value in raw_core(one).items())
         frame = f"<BasicSafetyMessage><coreData>{core}</coreData></BasicSafetyMessage>"
         xer = f"<MessageFrame><messageId>20</messageId><value>{frame}</value></MessageFrame>"
-        lines.append(f"{ABSOLUTE_US // 1000 + one.step * 100 + 20}, in, 32,{xer}\n")
+        lines.append(f"{one.t_us // 1000 + 20}, in, 32,{xer}\n")
     path.write_text("".join(lines))
 
 
@@ -124,11 +130,12 @@ def _datagram(payload: bytes) -> bytes:
     return b"\0" * 12 + b"\x08\x00" + ip + udp
 
 
-def _pcap(path: Path, frame: Callable[[Reading], bytes] = uper) -> None:
+def pcap(path: Path, frame: Callable[[Reading], bytes] = uper, readings: Sequence[Reading] = READINGS) -> None:
+    """Write the frames as captured datagrams, each 20 ms after its event time."""
     with path.open("wb") as file:
         file.write(struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1))
-        for one in READINGS:
-            us, packet = ABSOLUTE_US + one.step * 100_000 + 20_000, _datagram(frame(one))
+        for one in readings:
+            us, packet = one.t_us + 20_000, _datagram(frame(one))
             file.write(struct.pack("<IIII", us // 10**6, us % 10**6, len(packet), len(packet)) + packet)
 
 
@@ -141,7 +148,7 @@ def _pcapng(path: Path) -> None:
         file.write(block(0x0A0D0D0A, struct.pack(">IHHq", 0x1A2B3C4D, 1, 0, -1)))
         file.write(block(1, struct.pack(">HHI", 1, 0, 0) + struct.pack(">HHBxxxHH", 9, 1, 9, 0, 0)))
         for one in READINGS:
-            ns, packet = 1000 * (ABSOLUTE_US + one.step * 100_000 + 20_000), _datagram(uper(one))
+            ns, packet = 1000 * (one.t_us + 20_000), _datagram(uper(one))
             file.write(
                 block(6, struct.pack(">IIIII", 0, ns >> 32, ns & 0xFFFF_FFFF, len(packet), len(packet)) + packet)
             )
@@ -149,7 +156,7 @@ def _pcapng(path: Path) -> None:
 
 def cam_delta(one: Reading) -> int:
     """Return the milliseconds of TAI since 2004, modulo 65,536."""
-    return ((ABSOLUTE_US - 1_072_915_200_000_000) // 1000 + 5000 + one.step * 100) % 65_536
+    return ((one.t_us - 1_072_915_200_000_000) // 1000 + 5000) % 65_536
 
 
 def vanetza_message(one: Reading) -> dict[str, object]:
@@ -159,7 +166,7 @@ def vanetza_message(one: Reading) -> dict[str, object]:
         "highFrequencyContainer": {"basicVehicleContainerHighFrequency": fast},
     }
     cam = {"generationDeltaTime": cam_delta(one), "camParameters": parameters}
-    at_s = (ABSOLUTE_US + one.step * 100_000 + 30_000) / 1e6
+    at_s = (one.t_us + 30_000) / 1e6
     return {"timestamp": at_s, "fields": {"header": {"messageID": 2, "stationID": one.car}, "cam": cam}}
 
 
@@ -171,7 +178,7 @@ def its_client_message(one: Reading) -> dict[str, object]:
         },
         "high_frequency_container": {"heading": 0, "speed": round(one.speed_mps * 100)},
     }  # fmt: skip
-    at_ms = (ABSOLUTE_US + one.step * 100_000) // 1000 + 30
+    at_ms = one.t_us // 1000 + 30
     return {"message_type": "cam", "timestamp": at_ms, "message": message}
 
 
@@ -251,8 +258,8 @@ MADE: Final = {
     "bsmp1.parquet": Made(_parquet, ABSOLUTE_US),
     "ode.json": Made(_lines(ode_message), ABSOLUTE_US, _HEX),
     "thea.csv": Made(_thea, ABSOLUTE_US, _HEX),
-    "rsu.pcap": Made(_pcap, ABSOLUTE_US, _HEX),
-    "cam.pcap": Made(lambda path: _pcap(path, cam_uper), ABSOLUTE_US),
+    "rsu.pcap": Made(pcap, ABSOLUTE_US, _HEX),
+    "cam.pcap": Made(lambda path: pcap(path, cam_uper), ABSOLUTE_US),
     "vanetza.json": Made(_lines(vanetza_message), ABSOLUTE_US),
     "its-client.json": Made(_lines(its_client_message), ABSOLUTE_US),
     "rsu.pcapng": Made(_pcapng, ABSOLUTE_US, _HEX),

@@ -72,6 +72,7 @@ COMPRESSIONS: list[tuple[str, Callable[[bytes, Path], object]]] = [
     ("a.csv.zst", lambda content, path: path.write_bytes(zstandard.compress(content))),
     ("a.zip", zipped),
     ("a.csv", lambda content, path: path.write_bytes(b"\xef\xbb\xbf" + content.replace(b"\n", b"\r\n"))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(b"\n", b"\r"))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(b",", b";"))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(b"GenTime", b"Gentime"))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(BSM_P1_HEADER.encode() + b"\n", b""))),
@@ -111,6 +112,16 @@ def test_a_cell_without_a_value_is_unavailable_and_the_rest_is_read(tmp_path: Pa
     }
     assert "Speed" in refused[9].detail
     assert sum(row.refusal is None for row in found) == len(READINGS) - 3
+
+
+@pytest.mark.parametrize("end", [b"\r", b"\n", b"\0", b'"', b",;|\t"])
+def test_the_octets_of_a_capture_decide_nothing(tmp_path: Path, end: bytes) -> None:
+    """A capture is recognised with any octets in its first packets, such as those that end a line or open a quote."""
+    MADE["rsu.pcap"].write(tmp_path / "plain.pcap")
+    content = (tmp_path / "plain.pcap").read_bytes()
+    # Addresses of Ethernet, after the header of the file and of the packet.
+    (tmp_path / "odd.pcap").write_bytes(content[:40] + (end * 12)[:12] + content[52:])
+    assert records_of(tmp_path / "odd.pcap") == records_of(tmp_path / "plain.pcap")
 
 
 def test_nothing_is_moved_smoothed_or_left_out(tmp_path: Path) -> None:

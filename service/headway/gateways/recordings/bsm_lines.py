@@ -34,7 +34,7 @@ def _rows(source: Source, lines: list[_Line]) -> list[Row]:
     """Parse all lines at once, which takes half the time; one by one where that fails, to name the line."""
     try:
         records = json.loads(b"[" + b",".join([line for _, line in lines]) + b"]")
-    except ValueError:
+    except (ValueError, RecursionError):
         records = []
     if len(records) != len(lines) or set(map(type, records)) != {dict}:
         records = [_record(source, *line) for line in lines]
@@ -44,7 +44,7 @@ def _rows(source: Source, lines: list[_Line]) -> list[Row]:
 def _record(source: Source, number: int, line: bytes) -> dict[str, object]:
     try:
         record = json.loads(line)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise source.error(f"not JSON: {error}", number) from None
     if type(record) is not dict:
         raise source.error("not a map of BSM v1 fields", number)

@@ -104,7 +104,7 @@ def read_csv(source: Source) -> Iterator[list[Row]]:
     text = io.TextIOWrapper(source.stream, "utf-8-sig", newline="")
     lines = csv.reader(text, strict=True)
     try:
-        header = [name.strip() for name in next(lines)]
+        header = [name.strip() for name in next(lines, [])]
         _require(source, header)
         parsers = [_parser(name) for name in header]
         while cells := [(lines.line_num, row) for row in islice(lines, CHUNK) if row]:

@@ -162,8 +162,8 @@ def _known(name: str) -> str | None:
 def _reader(source: Source, form: str) -> Reader:
     if source.columns is not None:
         return _in_chunks(published.read_mapped)
-    if form == AUTO and not _is_bsm(source.head):
-        form = next((name for name, candidate in FORMATS.items() if candidate.recognise(source.head)), AUTO)
+    if form == AUTO:
+        form = format_of(source.head) or AUTO
     if form in FORMATS:
         return _in_chunks(FORMATS[form].read)
     if source.path is None:
@@ -186,9 +186,14 @@ def recognised(name: str) -> str | None:
         The file cannot be read.
     """
     with opened(name) as source:
-        if _is_bsm(source.head):
-            return BSM
-        return next((word for word, candidate in FORMATS.items() if candidate.recognise(source.head)), None)
+        return format_of(source.head)
+
+
+def format_of(head: bytes) -> str | None:
+    """Return the format of a recording that begins with these bytes; None where they tell none."""
+    if _is_bsm(head):
+        return BSM
+    return next((word for word, candidate in FORMATS.items() if candidate.recognise(head)), None)
 
 
 def _is_bsm(head: bytes) -> bool:

@@ -15,8 +15,8 @@ from headway_schemas.bsm import NEEDED
 from headway_schemas.fields import T_US_MAX
 from headway_schemas.keys import is_id
 
-_OF_LOAD_GENERATOR: Final = "datawsu"
-"""Its reader adds the vehicle ahead, which is in another file."""
+_AHEAD: Final = "datafronttargets"
+"""Of Safety Pilot: with this table beside DataWsu the load generator adds the vehicles ahead."""
 _NUMBERS: Final = ("lat", "lon", "speed_mps", "heading_deg", "accel_mps2", "accuracy_m", "length_m", "msg_cnt")
 
 
@@ -37,10 +37,13 @@ def is_recorded(reading: Reading) -> bool:
 
 
 def _is_recording(word: str) -> bool:
-    if not Path(word).is_file():
+    path = Path(word)
+    if path.is_dir():
+        return not any(_AHEAD in file.name.lower() for file in path.iterdir())
+    if not path.is_file():
         return False
     try:
-        return recognised(word) not in (None, _OF_LOAD_GENERATOR)
+        return recognised(word) is not None
     except RecordingError as error:
         raise SourceError(str(error)) from None
 

@@ -11,6 +11,7 @@ from headway.gateways.recordings.reader import Source
 
 _NOT_GIVEN: Final = frozenset({"", "n/a", "na", "nan", "null", "none", "\\n", "-"})
 _DELIMITERS: Final = ",;\t|"
+_LINE_END: Final = re.compile(r"[\r\n]")
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_.-]")
 _ID_MAX: Final = 64
@@ -29,8 +30,14 @@ class TableRow:
 
 def header_of(head: bytes) -> list[str]:
     """Return the names in the first line of a table that begins with these bytes."""
-    line = head.decode("utf-8-sig", "replace").lstrip("\r\n").partition("\n")[0].rstrip("\r")
-    return [name.strip() for name in next(csv.reader([line], delimiter=delimiter_of(line)), [])] if line else []
+    line = _first_line(head)
+    cells = csv.reader([line], delimiter=delimiter_of(line), skipinitialspace=True)
+    return [name.strip() for name in next(cells, [])]
+
+
+def _first_line(head: bytes) -> str:
+    """Return the first line that is not blank; any of the three line ends closes it, as for the rows."""
+    return _LINE_END.split(head.decode("utf-8-sig", "replace").lstrip("\r\n"), 1)[0]
 
 
 def delimiter_of(line: str) -> str:
@@ -49,7 +56,7 @@ def table_rows(source: Source) -> Iterator[TableRow]:
     csv.field_size_limit(_CELL_MAX)
     text = io.TextIOWrapper(source.stream, "utf-8-sig", errors="replace", newline="")
     try:
-        delimiter = delimiter_of(source.head.decode("utf-8-sig", "replace").lstrip("\r\n").partition("\n")[0])
+        delimiter = delimiter_of(_first_line(source.head))
         lines = csv.reader(text, delimiter=delimiter, skipinitialspace=True)
         while True:
             try:
