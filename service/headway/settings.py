@@ -118,7 +118,7 @@ class Settings(BaseSettings):
     silence_timeout_s: float = _of_detector("silence_timeout_s", "s", ge=0.6, le=60)
     lane_width_m: float = _of_detector("lane_width_m", "m", gt=0, le=20)
     pairing_range_m: float = _of_detector("pairing_range_m", "m", gt=0, le=1000)
-    evidence_readings: int = _of_detector("evidence_readings", ge=2, le=1000, multiple_of=2)
+    evidence_readings: int = _of_detector("evidence_readings", ge=4, le=1000, multiple_of=4)
 
     site: str = _setting(
         "local", "Coverage of one roadside unit; a chunk of every key.", "", pattern=f"^(?:{ID_PATTERN})$"

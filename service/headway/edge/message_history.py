@@ -8,13 +8,15 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import itemgetter
+from secrets import token_bytes
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from headway.core.types.batch import I64, Ids
-from headway.core.types.identifiers import id_column, id_words
-from headway.edge.codec.decoded import Decoded
+from headway.core.types.identifiers import ID_WORDS, id_column, id_words
+from headway.edge.codec.decoded import Decoded, received_us_of
 from headway.edge.codec.originals import original_of
 from headway.edge.transport.message import ReceivedMessage
 from headway_schemas.event import OriginalMessage
@@ -23,22 +25,22 @@ MESSAGES_MAX: Final = 32
 """Most messages of one event."""
 AGE_NS: Final = 10_000_000_000
 _SPAN_NS: Final = 250_000_000
-_OBJECT_BYTES: Final = 100
+_OBJECT_BYTES: Final = 140
 """Memory of a payload and its places in lists, besides its octets."""
 _PAYLOAD: Final = itemgetter(ReceivedMessage._fields.index("payload"))
+_SECRETS: Final = np.frombuffer(token_bytes(8 * ID_WORDS), np.uint64) | np.uint64(1)
 _ENCODING: Final = itemgetter(ReceivedMessage._fields.index("encoding"))
 
 
 class _Records(NamedTuple):
-    """R decoded records."""
+    """R decoded records; small, because there are many."""
 
-    ids: Ids
+    senders: NDArray[np.uint64]
+    """A hash of each one's identifier."""
     t_us: I64
-    received_us: I64
-    """In Unix time."""
-    places: I64
+    places: NDArray[np.uint32]
     """Of their payload within the span."""
-    indices: I64
+    indices: NDArray[np.uint32]
     """Of the record in that payload."""
 
 
@@ -49,6 +51,8 @@ class _Span:
     since_ns: int
     payloads: list[bytes] = field(default_factory=list)
     encodings: list[str] = field(default_factory=list)
+    received_us: list[int] = field(default_factory=list)
+    """In Unix time."""
     parts: list[_Records] = field(default_factory=list)
     size: int = 0
     """Bytes of memory."""
@@ -59,26 +63,30 @@ class _Span:
         payloads = list(map(_PAYLOAD, messages))
         self.payloads += payloads
         self.encodings += map(_ENCODING, messages)
-        received_us = batch.received_us + clock_offset_us
-        # Copies, because a column may be a view that keeps all columns of its batch in memory.
-        ids, t_us, indices = batch.ids.copy(), batch.t_us.copy(), decoded.indices.copy()
-        part = _Records(ids, t_us, received_us, decoded.sources + first, indices)
+        self.received_us += (received_us_of(messages) + clock_offset_us).tolist()
+        places, indices = (decoded.sources + first).astype(np.uint32), decoded.indices.astype(np.uint32)
+        # A copy, because a column may be a view that keeps all columns of its batch in memory.
+        part = _Records(_hashes(batch.ids), batch.t_us.copy(), places, indices)
         self.parts.append(part)
         size = sum(map(len, payloads)) + _OBJECT_BYTES * len(payloads) + sum(column.nbytes for column in part)
         self.size += size
         return size
 
-    def newest_first(self, vehicle: Ids, until_us: int) -> Iterator[OriginalMessage]:
-        """Yield the messages of a vehicle (1,) up to an event time."""
+    def newest_first(self, sender: np.uint64, until_us: int) -> Iterator[OriginalMessage]:
+        """Yield the messages of the sender with this hash up to an event time."""
         if len(self.parts) > 1:
             self.parts = [_Records(*map(np.concatenate, zip(*self.parts, strict=True)))]
         (records,) = self.parts
-        words, wanted = id_words(records.ids), id_words(vehicle)
-        rows = np.flatnonzero((words[:, 0] == wanted[0, 0]) & (records.t_us <= until_us))
-        rows = rows[(words[rows] == wanted).all(axis=1)]
+        rows = np.flatnonzero((records.senders == sender) & (records.t_us <= until_us))
         for row in rows[::-1].tolist():
             place, index = int(records.places[row]), int(records.indices[row])
-            yield original_of(self.payloads[place], self.encodings[place], index, int(records.received_us[row]))
+            yield original_of(self.payloads[place], self.encodings[place], index, self.received_us[place])
+
+
+def _hashes(ids: Ids) -> NDArray[np.uint64]:
+    """Return (R,) a hash of each identifier: words times secret numbers, so that no sender can choose an equal one."""
+    hashes: NDArray[np.uint64] = id_words(np.ascontiguousarray(ids)) @ _SECRETS
+    return hashes
 
 
 class MessageHistory:
@@ -113,9 +121,9 @@ class MessageHistory:
     def of(self, vehicle: str, until_us: int) -> tuple[OriginalMessage, ...]:
         """Return the newest messages of a vehicle up to an event time, oldest first, as far as they are kept."""
         found: list[OriginalMessage] = []
-        size, wanted = 0, id_column([vehicle])
+        size, sender = 0, _hashes(id_column([vehicle]))[0]
         for span in reversed(self._spans):
-            for message in span.newest_first(wanted, until_us):
+            for message in span.newest_first(sender, until_us):
                 size += len(message.payload)
                 if size > self._event_bytes_limit or len(found) == MESSAGES_MAX:
                     return tuple(found[::-1])

@@ -47,7 +47,7 @@ class DetectorConfig:
         3.6, "Lane width; a leader is searched within half of it to either side of a vehicle's path."
     )
     pairing_range_m: float = _parameter(150.0, "Distance ahead within which a leader is searched.")
-    evidence_readings: int = _parameter(32, "Readings kept of each vehicle to replay a verdict from, an even number.")
+    evidence_readings: int = _parameter(32, "Readings kept of each vehicle to replay a verdict from, a multiple of 4.")
 
     def __post_init__(self) -> None:
         for parameter in fields(self):

@@ -35,6 +35,22 @@ READING = np.dtype(
 )
 """One message: the measurement z = [x, v] and the input u = [x_leader, v_leader], each with its own time."""
 
+_SINGLE_PRECISION = (
+    "odometer_std_m",
+    "leader_length_m",
+    "range_m",
+    "range_rate_mps",
+    "heading_deg",
+    "accuracy_m",
+    "overlapped",
+    "appeared",
+    "contradictions",
+)
+COMPACT_READING = np.dtype(
+    [(name, "f4" if name in _SINGLE_PRECISION else READING[name]) for name in READING.names or ()], align=True
+)
+"""A reading as evidence keeps it. These fields of a READING are rounded where it is made, so nothing is lost."""
+
 VERDICT = np.dtype(
     [
         ("nis", "f8"),  # nu' S^-1 nu of the healthy mode
