@@ -133,7 +133,7 @@ class EvidenceStore:
         checkpoint = rings.checkpoints.view(np.uint8).reshape(rings.checkpoints.size, -1)[rings.places[row, which]]
         return Evidence(
             checkpoint=checkpoint.copy().view(rings.checkpoints.dtype)[0],
-            readings=rings.readings[row, readings].astype(READING),
+            readings=rings.readings[row, readings][list(READING.names or ())].astype(READING),
             leaders=rings.leaders[row, readings].astype(np.int64),
         )
 

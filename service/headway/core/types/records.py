@@ -47,7 +47,9 @@ _SINGLE_PRECISION = (
     "contradictions",
 )
 COMPACT_READING = np.dtype(
-    [(name, "f4" if name in _SINGLE_PRECISION else READING[name]) for name in READING.names or ()], align=True
+    [(name, "f8") for name in READING.names or () if name not in _SINGLE_PRECISION]
+    + [(name, "f4") for name in _SINGLE_PRECISION],
+    align=True,
 )
 """A reading as evidence keeps it. These fields of a READING are rounded where it is made, so nothing is lost."""
 
