@@ -105,7 +105,7 @@ def test_a_name_like_no_other_is_refused_without_a_guess(monkeypatch) -> None:
         ("HEADWAY_DELAY_S", "nan", "number from 0 to 5 s"),
         ("HEADWAY_MODEL", "lstm", "ekf, aekf, headway"),
         ("HEADWAY_SITE", "a/b", "text matching"),
-        ("HEADWAY_EVIDENCE_READINGS", "7", "integer from 2 to 1000"),
+        ("HEADWAY_EVIDENCE_READINGS", "7", "integer from 4 to 1000"),
         ("HEADWAY_ALARM_BUDGET_PER_HOUR", "0", "number above 0 to 3600 1/h"),
     ],
 )
