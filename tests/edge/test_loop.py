@@ -18,6 +18,11 @@ from headway.edge.transport.ports import Channel
 from headway_schemas import Event, Health, PairState, RejectedCopy, SensorQuality
 
 
+def run(rig: Rig, iterations: int) -> None:
+    left = iter(range(iterations))
+    rig.loop.run(lambda: next(left, None) is None)
+
+
 def test_a_turn_hands_what_has_come_to_the_detector_in_one_batch() -> None:
     rig = Rig(StubEngine())
     rig.bus.deliver(received(record("a"), "a"))
@@ -236,35 +241,61 @@ def test_the_time_in_the_queue_is_counted_from_the_receipt() -> None:
     assert Health.model_validate_json(payload).latency_ms["max"] == 25.0
 
 
-def test_the_loop_rests_after_each_turn_but_not_behind_a_backlog_and_longer_when_nobody_sends() -> None:
+def test_the_loop_pauses_after_messages_longer_after_few_and_not_behind_a_backlog() -> None:
     rig = Rig(StubEngine(), batch_limit=100)
-    rests: list[float] = []
-    rig.clock.sleep = rests.append
+    pauses: list[float] = []
+    rig.clock.sleep = pauses.append
     for _ in range(350):
         rig.bus.deliver(received(record()))
-    iterations = iter(range(6))
-    rig.loop.run(lambda: next(iterations, None) is None)
-    assert rests == [0.0005] * 4
-    FakeClock.sleep(rig.clock, 1.5)
-    iterations = iter(range(1))
-    rig.loop.run(lambda: next(iterations, None) is None)
-    assert rests[-1] == 0.005
+    run(rig, 4)
+    assert pauses == [0.0005] * 2, "one while 50 wait, one when none does"
+    for _ in range(8):
+        rig.bus.deliver(received(record()))
+    run(rig, 1)
+    assert pauses[2:] == [0.0015]
 
 
-def test_a_turn_of_four_rests_is_followed_by_a_quarter_of_one() -> None:
+def test_a_turn_of_four_pauses_is_followed_by_a_quarter_of_one() -> None:
     rig = Rig(StubEngine())
-    step, rests = rig.engine.step, list[float]()
+    step, pauses = rig.engine.step, list[float]()
 
     def step_slowly(batch, now_us, clock_offset_us):
         FakeClock.sleep(rig.clock, 0.002)
         return step(batch, now_us, clock_offset_us)
 
     rig.engine.step = step_slowly
-    rig.clock.sleep = rests.append
-    rig.bus.deliver(received(record()))
-    iterations = iter(range(2))
-    rig.loop.run(lambda: next(iterations, None) is None)
-    assert rests == [0.000125, 0.0005]
+    rig.clock.sleep = pauses.append
+    for _ in range(9):
+        rig.bus.deliver(received(record()))
+    run(rig, 1)
+    assert pauses == [0.000125]
+
+
+@pytest.mark.parametrize(
+    ("vehicles", "wanted", "wait_s"), [(0, (), 0.25), (3, (), 0.02), (3, (Channel.STATE,), 1 / 64)]
+)
+def test_without_messages_it_waits_until_the_next_work(
+    vehicles: int, wanted: tuple[Channel, ...], wait_s: float
+) -> None:
+    rig = Rig(StubEngine(), state_rate_hz=1.0)
+    rig.bus.unwanted = {*Channel} - {*wanted}
+    rig.engine.vehicles = vehicles
+    waits: list[float] = []
+    rig.bus.wait = waits.append
+    run(rig, 1)
+    assert waits == [pytest.approx(wait_s)]
+
+
+def test_a_query_ends_the_wait_and_its_answer_is_not_waited_for() -> None:
+    rig = Rig(StubEngine())
+    rig.engine.vehicles = 0
+    run(rig, 1)
+    before_ns = rig.clock.monotonic_ns()
+    rig.bus.queries.extend(MemoryQuery(KEYS.pairs) for _ in range(2))
+    queries = list(rig.bus.queries)
+    run(rig, 2 * 64 + 2)
+    assert [len(query.answers) for query in queries] == [1, 1]
+    assert rig.clock.monotonic_ns() - before_ns < 400_000_000, "of which the last wait, without work, is 250 ms"
 
 
 def test_drain_judges_what_is_queued_and_tells_a_last_report() -> None:

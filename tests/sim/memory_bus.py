@@ -4,6 +4,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from headway.core.types.outcome import Outcome
+from headway.edge.clock import Clock
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
 from headway.edge.transport.receive_queue import ReceiveQueue
@@ -27,8 +28,9 @@ class MemoryQuery:
 class MemoryBus:
     """Keeps what was published; `deliver` stands for the callback of a real bus."""
 
-    def __init__(self, receive_queue: ReceiveQueue) -> None:
+    def __init__(self, receive_queue: ReceiveQueue, clock: Clock) -> None:
         self._receive_queue = receive_queue
+        self._clock = clock
         self.published: list[tuple[Channel, str, bytes]] = []
         self.unwanted: set[Channel] = set()
         self.queries: deque[MemoryQuery] = deque()
@@ -64,6 +66,10 @@ class MemoryBus:
 
     def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[ReceivedMessage]:
         return self._receive_queue.drain(limit, bytes_limit, now_ns)
+
+    def wait(self, timeout_s: float) -> None:
+        if not (self.waiting or self.queries):
+            self._clock.sleep(timeout_s)
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
         self.published.append((channel, key, payload))

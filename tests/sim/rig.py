@@ -45,7 +45,8 @@ class Rig:
         self.ledger, self.latencies = Ledger(), Latencies()
         self.codec = Codec(KEYS)
         self.bus = MemoryBus(
-            ReceiveQueue(self.queue_limit, 1 << 30, round(self.queue_age_limit_s * 1e9), self.codec.records_in, 10**9)
+            ReceiveQueue(self.queue_limit, 1 << 30, round(self.queue_age_limit_s * 1e9), self.codec.records_in, 10**9),
+            self.clock,
         )
         self.persistence = self._persistence(self.state_dir) if self.state_dir else None
         self.context = ServiceContext(

@@ -94,7 +94,7 @@ class Engine:
         self._site.reception.absent_until(until_us)
 
     def states(self, stride: int = 1, phase: int = 0) -> PairStates:
-        """Return the vehicles whose row is `phase` modulo `stride`, as columns."""
+        """Return the vehicles of part `phase` of `stride` parts, as columns."""
         return pair_states(self._site, stride, phase)
 
     def qualities(self, stride: int = 1, phase: int = 0) -> QualityStates | None:
@@ -102,7 +102,7 @@ class Engine:
         return quality_states(self._site, stride, phase)
 
     def snapshot(self, stride: int = 1, phase: int = 0) -> Snapshot:
-        """Return copies of the state of the vehicles whose row is `phase` modulo `stride`.
+        """Return copies of the state of the vehicles of part `phase` of `stride` parts.
 
         Parts of all phases, taken with steps between them, make a whole that `restore` accepts.
         """

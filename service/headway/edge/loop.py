@@ -25,12 +25,15 @@ _log: Final = structlog.get_logger(__name__)
 _WARMING: Final = np.uint8(Outcome.WARMING)
 """Outcomes above it are rejections. As a numpy number it compares ten times faster."""
 _TICK_NS: Final = 20_000_000
-"""Without messages the engine steps this often, because a miss begins at 0.6 s of silence."""
+"""Without messages the engine steps this often, because a miss begins at 0.6 s of silence. A site without a vehicle
+has none."""
 _IDLE_UNLESS_WAITING: Final = 64
 """With more messages than this waiting, the loop does not pause."""
-_QUIET_NS: Final = 1_000_000_000
-_QUIET_IDLE_FACTOR: Final = 10
-"""After `_QUIET_NS` without a message the pause is this many times longer."""
+_FEW: Final = 8
+"""After this many messages or fewer the pause is longer, because an iteration costs most before its first message."""
+_FEW_PAUSE_FACTOR: Final = 3
+_WAIT_NS: Final = 250_000_000
+"""Longest wait for a message."""
 _COPIES_NS: Final = 1_000_000_000
 """`rejected_rate_hz` counts copies within this time."""
 _SENDERS_BACK_NS: Final = 10_000_000_000
@@ -71,9 +74,7 @@ class ServiceLoop:
         self._history = context.history
         self._persistence = context.persistence
         self._reporter = reporter
-        self._tick_ns = self._iteration_ns = self._received_ns = self._collected_ns = self._copies_ns = (
-            clock.monotonic_ns()
-        )
+        self._tick_ns = self._iteration_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
         self._open_ns = self._tick_ns
         self._copies: Counter[Outcome] = Counter()
         self._event_updates = EventUpdates(
@@ -243,14 +244,26 @@ class ServiceLoop:
         self._bus.publish(Channel.REJECTED, self._keys.rejected(reason.label), encode(copy))
 
     def _idle(self, taken: int) -> None:
-        """Pause so that a batch gathers; less after a long iteration, because its batch was large enough."""
-        now_ns, idle_s = self._clock.monotonic_ns(), self._config.idle_sleep_s
-        if taken:
-            self._received_ns = now_ns
-        if self._bus.waiting <= max(taken, _IDLE_UNLESS_WAITING):
-            is_quiet = now_ns - self._received_ns > _QUIET_NS
-            iteration_s = (now_ns - self._iteration_ns) / 1e9
-            self._clock.sleep(idle_s * (_QUIET_IDLE_FACTOR if is_quiet else idle_s / max(idle_s, iteration_s)))
+        """Pause so that a batch gathers, or wait for the first message; not behind a backlog.
+
+        After a long iteration the pause is shorter, because its batch was large enough.
+        """
+        if self._bus.waiting > max(taken, _IDLE_UNLESS_WAITING):
+            return
+        now_ns, pause_s = self._clock.monotonic_ns(), self._config.idle_sleep_s
+        if not taken:
+            self._bus.wait(max(pause_s, (self._due_ns(now_ns) - now_ns) / 1e9))
+            return
+        if taken <= _FEW:
+            pause_s *= _FEW_PAUSE_FACTOR
+        self._clock.sleep(pause_s * pause_s / max(pause_s, (now_ns - self._iteration_ns) / 1e9))
+
+    def _due_ns(self, now_ns: int) -> float:
+        """Return until when there is nothing to do but to wait."""
+        due_ns = min(now_ns + _WAIT_NS, self._reporter.due_ns)
+        if self._engine.vehicles:
+            due_ns = min(due_ns, self._tick_ns)
+        return due_ns if self._persistence is None else min(due_ns, self._persistence.due_ns)
 
     def _collect(self, *, idle: bool) -> None:
         now_ns = self._clock.monotonic_ns()

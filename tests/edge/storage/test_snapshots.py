@@ -1,5 +1,6 @@
 """The snapshot on disk: a file for each part of the rows, used where it fits and passed over where it does not."""
 
+import math
 import threading
 import time
 import zlib
@@ -13,6 +14,7 @@ from sim.until import until
 from structlog.testing import capture_logs
 
 from headway.core.engine import Engine
+from headway.core.site.state import BLOCK_ROWS
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
@@ -123,10 +125,10 @@ def test_one_of_another_make_is_passed_over(tmp_path: Path, other: Identity, rea
 ])  # fmt: skip
 def test_a_damaged_part_is_left_out(tmp_path: Path, damage) -> None:
     folder, engine = saved(tmp_path, driven()), Engine(CONFIG)
-    part = folder / "07.part"
+    part = folder / "01.part"
     part.write_bytes(damage(part.read_bytes()))
     with capture_logs() as logs:
-        assert snapshots(folder, engine).load() == 69
+        assert snapshots(folder, engine).load() == 70 - BLOCK_ROWS
     assert [entry["log_level"] for entry in logs] == ["warning", "info"]
 
 
@@ -159,7 +161,7 @@ def test_the_first_begins_within_a_second_and_the_next_at_the_interval(tmp_path:
             time.sleep(1e-4)
     assert begun_ms[0] == 1_000
     assert begun_ms[1:] == pytest.approx([11_000, 21_000], abs=128)
-    assert max(sizes) == 2
+    assert max(sizes) == BLOCK_ROWS
     engine.snapshot = take
     writing.close()
     assert writing.written == 3
@@ -188,6 +190,25 @@ def test_a_part_that_has_not_changed_is_not_written_again(tmp_path: Path) -> Non
     writing._worker.close(10.0)
     changed = [part.name for part in sorted(tmp_path.glob("*.part")) if part.read_bytes() != b"untouched"]
     assert changed == ["00.part"]
+
+
+def test_without_a_vehicle_nothing_is_due_once_all_parts_are_written_so(tmp_path: Path) -> None:
+    engine = Engine(CONFIG)
+    writing = snapshots(tmp_path, engine)
+    writing._worker.put, written = lambda task: task(), []
+    writing._write, write = lambda place, *_: (written.append(place), write(place, *_)), writing._write
+    for ms in range(22_000):
+        writing.tick(ms * 1_000_000)
+    assert writing.due_ns == math.inf
+    assert written == list(range(64))
+    engine.step(one_record(driven()))
+    assert writing.due_ns < 22e9
+    for ms in range(22_000, 33_000):
+        writing.tick(ms * 1_000_000)
+    assert written[64:] == [0, 63, 0]
+    assert writing.written == 2
+    other = Engine(CONFIG)
+    assert snapshots(tmp_path, other).load() == 1
 
 
 def test_no_part_is_copied_before_the_last_is_taken_to_be_written(tmp_path: Path) -> None:

@@ -106,6 +106,58 @@ def test_none_of_many_messages_is_lost_and_each_is_counted(bus: ZenohBus, other:
     assert (bus.received, bus.waiting, bus.shed) == (5_000, 0, 0)
 
 
+def test_a_wait_ends_with_the_first_message_and_all_that_follow_stay_in_order(
+    bus: ZenohBus, other: zenoh.Session
+) -> None:
+    taken: list[ReceivedMessage] = []
+    for n in range(200):
+        other.put(KEYS.bsm("a"), n.to_bytes(4, "big"), congestion_control=BLOCK)
+        if n % 7 == 0:
+            bus.wait(0.001)
+        taken += bus.drain(10_000, 1 << 24, 0)
+    while len(taken) < 200:
+        bus.wait(10.0)
+        taken += bus.drain(10_000, 1 << 24, 0)
+    assert [int.from_bytes(received.payload, "big") for received in taken] == list(range(200))
+
+
+def test_a_message_after_a_wait_that_timed_out_is_received_and_stamped_on_arrival(
+    bus: ZenohBus, other: zenoh.Session
+) -> None:
+    clock = SystemClock()
+    bus.wait(0.01)
+    assert bus.drain(10, 1 << 24, 0) == []
+    before_ns = clock.monotonic_ns()
+    other.put(KEYS.bsm("a"), b"x", congestion_control=BLOCK)
+    taken: list[ReceivedMessage] = []
+    while not taken:
+        bus.wait(10.0)
+        taken = bus.drain(10, 1 << 24, 0)
+    assert before_ns <= taken[0].received_ns <= clock.monotonic_ns()
+
+
+def test_a_query_ends_a_wait(bus: ZenohBus, other: zenoh.Session) -> None:
+    answers = other.get(KEYS.pairs)
+    while (query := bus.next_query()) is None:
+        bus.wait(10.0)
+    query.answer(b"[]", EVENT_JSON)
+    assert [bytes(answer.ok.payload) for answer in answers] == [b"[]"]
+
+
+def test_after_the_unsubscription_a_wait_ends_and_all_is_delivered(bus: ZenohBus, other: zenoh.Session) -> None:
+    bus.wait(0.001)
+    other.put(KEYS.bsm("a"), b"x", congestion_control=BLOCK)
+    taken: list[ReceivedMessage] = []
+    while not taken:
+        bus.wait(10.0)
+        taken = bus.drain(10, 1 << 24, 0)
+    bus.wait(0.001)
+    bus.unsubscribe()
+    while not bus.delivered:
+        bus.wait(10.0)
+        bus.drain(10, 1 << 24, 0)
+
+
 def test_an_alert_reaches_its_subscribers_with_its_encoding(bus: ZenohBus, other: zenoh.Session) -> None:
     got: list[zenoh.Sample] = []
     other.declare_subscriber(KEYS.every_alert, got.append)

@@ -206,7 +206,7 @@ class EventLog:
     def _note(self, row: int, verdict: np.void) -> None:
         """Take note of an alarm: its confidence, and the deviation of the reading."""
         event = self._open[row]
-        if (verdict["kind"], verdict["sensor"]) == (event.kind, event.sensor):
+        if (int(verdict["kind"]), int(verdict["sensor"])) == (event.kind, event.sensor):
             event.confidence = float(verdict["confidence"])
         if event.sensor is Sensor.LINK:
             return

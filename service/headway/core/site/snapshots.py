@@ -12,7 +12,7 @@ from headway.core.types.snapshot import Snapshot
 
 
 def take_snapshot(site: SiteState, stride: int, phase: int) -> Snapshot:
-    """Return copies of the state of the vehicles whose row is `phase` modulo `stride`."""
+    """Return copies of the state of the vehicles of one part (`SiteState.rows`)."""
     rows = site.rows(stride, phase)
     return Snapshot(
         rows=rows,

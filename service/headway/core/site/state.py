@@ -18,6 +18,8 @@ from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.batch import I64
 from headway.core.types.config import DetectorConfig
 
+BLOCK_ROWS = 16
+
 
 class SiteState:
     """The tables and logs of one site, allocated once for `vehicle_capacity` rows."""
@@ -67,9 +69,9 @@ class SiteState:
         )
 
     def rows(self, stride: int = 1, phase: int = 0) -> I64:
-        """Return the rows in use that are `phase` modulo `stride`."""
+        """Return the rows in use of every `stride`-th block of rows, from block `phase`: a few vehicles share one."""
         rows: I64 = np.flatnonzero(self.vehicles.in_use)
-        return rows if stride == 1 else rows[rows % stride == phase]
+        return rows if stride == 1 else rows[rows // BLOCK_ROWS % stride == phase]
 
     def leaders(self, rows: I64) -> I64:
         """Return (n,) the row of each one's leader, NO_LEADER for none."""

@@ -1,5 +1,6 @@
 """A thread that commits event updates to the journal and then publishes them."""
 
+import math
 import sqlite3
 import threading
 from collections import Counter, deque
@@ -120,6 +121,11 @@ class JournalWriter:
                 self._overflowed += len(oldest.updates)
                 self.failed[Reason.QUEUE_FULL] += len(oldest.updates)
                 self._publish_all(oldest)
+
+    @property
+    def due_ns(self) -> float:
+        """When `tick` has to publish if the disk does not answer; infinite: never."""
+        return self._unpublished[0].put_ns + PUBLISH_AFTER_NS if self._unpublished else math.inf
 
     def tick(self, now_ns: int) -> None:
         """Publish what has waited too long for the disk."""

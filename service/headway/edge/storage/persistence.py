@@ -116,6 +116,11 @@ class Persistence:
         """Queue a request to handle a vehicle, or a query for how vehicles are handled."""
         self._handling.ask(query)
 
+    @property
+    def due_ns(self) -> float:
+        """Monotonic time of the next work; infinite: none is due."""
+        return min(self.journal_writer.due_ns, self.snapshots.due_ns)
+
     def tick(self, now_ns: int) -> None:
         """Do a part of the work that is due."""
         self.journal_writer.tick(now_ns)

@@ -10,6 +10,7 @@ same core in the same configuration reads it.
 """
 
 import json
+import math
 import os
 import sys
 import zlib
@@ -30,6 +31,8 @@ from headway.edge.identity import Identity
 from headway.edge.worker import Worker
 
 _PARTS: Final = 64
+_ENDS: Final = (0, _PARTS - 1)
+"""Parts at which a snapshot begins and ends, for its account."""
 _FIRST_NS: Final = 1_000_000_000
 """The first snapshot begins so long after the start."""
 _VEHICLE_NS: Final = 100_000
@@ -63,6 +66,8 @@ class Snapshots:
         self._clock = clock
         self._due_ns = clock.monotonic_ns() + min(_FIRST_NS, self._interval_ns)
         self._part = 0
+        self._is_empty = [False] * _PARTS
+        """Whether the file of a part has no vehicle."""
         self._checksums: dict[int, int] = {}
         self._worker = Worker("headway-snapshot", _PARTS, OSError)
         self._is_whole = True
@@ -73,14 +78,21 @@ class Snapshots:
         self.trouble: str | None = None
         """Why the newest snapshot could not be written."""
 
+    @property
+    def due_ns(self) -> float:
+        """Monotonic time of the next part; infinite: all parts are empty, and written so."""
+        return math.inf if all(self._is_empty) and not self._engine.vehicles else self._due_ns
+
     def tick(self, now_ns: int) -> None:
         """Copy the next part if it is due and the part before is written."""
-        if now_ns < self._due_ns or self._worker.waiting:
+        if now_ns < self.due_ns or self._worker.waiting:
             return
         place, self._part = self._part, (self._part + 1) % _PARTS
         part = self._engine.snapshot(_PARTS, place)
-        offset_us = self._clock.wall_us() - self._clock.local_us()
         self._due_ns = now_ns + max(self._interval_ns // _PARTS, len(part.ids) * _VEHICLE_NS)
+        if self._is_empty[place] and not part.ids and place not in _ENDS:
+            return
+        offset_us = self._clock.wall_us() - self._clock.local_us()
         self._worker.put(lambda: self._write(place, part, offset_us))
 
     def load(self) -> int:
@@ -126,6 +138,7 @@ class Snapshots:
                 self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
                 _overwrite(self._folder / f"{place:02}.part", [*content, b"%08x" % checksum], sync=last)
                 self._checksums[place] = checksum
+            self._is_empty[place] = not part.ids
         except OSError as error:
             self._is_whole = False
             self.failed += 1

@@ -82,9 +82,9 @@ class Ledger:
         self.iterations += 1
         self.messages += messages
         for reason, records in shed.items():
-            self._outcomes[reason] = records
+            self._outcomes[int(reason)] = records  # numpy looks into an Enum for 10 us
         for rejection in rejections:
-            self._outcomes[rejection.reason.outcome] += rejection.count
+            self._outcomes[int(rejection.reason.outcome)] += rejection.count
         if result.outcomes.size:
             self._outcomes += np.bincount(result.outcomes, minlength=_SIZE)
             self._record_nis(result.nis)

@@ -58,6 +58,18 @@ class Reporter:
             self._publish_quality()
         self._answer()
 
+    @property
+    def due_ns(self) -> int:
+        """Monotonic time of the next report; 0: the next part of an answer."""
+        if self._answers:
+            return 0
+        due_ns = self._health_ns
+        if self._engine.vehicles and self._bus.wanted(Channel.STATE):
+            due_ns = min(due_ns, self._state_ns)
+        if self._engine.vehicles and self._bus.wanted(Channel.QUALITY):
+            due_ns = min(due_ns, self._quality_ns)
+        return due_ns
+
     def publish_health(self) -> None:
         """Publish health now."""
         self._bus.publish(Channel.HEALTH, self._keys.health(self._identity.instance), encode(self._health_message()))
@@ -84,13 +96,13 @@ class Reporter:
                 self._bus.publish(Channel.QUALITY, self._keys.quality(quality.vehicle), encode(quality))
 
     def _answer(self) -> None:
-        query = self._bus.next_query()
-        if query is not None and query.key == self._keys.alerts and self._persistence is not None:
-            self._persistence.ask(query)
-        elif query is not None and query.key == self._keys.handling and self._persistence is not None:
-            self._persistence.handle(query)
-        elif query is not None:
-            self._answers.append(self._answer_pairs(query))
+        while (query := self._bus.next_query()) is not None:
+            if query.key == self._keys.alerts and self._persistence is not None:
+                self._persistence.ask(query)
+            elif query.key == self._keys.handling and self._persistence is not None:
+                self._persistence.handle(query)
+            else:
+                self._answers.append(self._answer_pairs(query))
         if self._answers and next(self._answers[0], _DONE) is _DONE:
             self._answers.popleft()
 

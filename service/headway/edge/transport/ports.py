@@ -56,7 +56,7 @@ class Query(Protocol):
 
 
 class Bus(Protocol):
-    """No method blocks or raises, whatever the network does."""
+    """No method but `wait` blocks, and none raises, whatever the network does."""
 
     @property
     def received(self) -> int:
@@ -114,6 +114,10 @@ class Bus(Protocol):
 
     def drain(self, limit: int, bytes_limit: int, now_ns: int) -> list[ReceivedMessage]:
         """Receive, then return the oldest messages: at most `limit`, about `bytes_limit` bytes, none stale."""
+        ...
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait for a message, a query or a change of the connection, for so long at most."""
         ...
 
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:

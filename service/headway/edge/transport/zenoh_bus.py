@@ -1,9 +1,9 @@
 """The bus on zenoh. No other module of the service imports zenoh.
 
 Messages arrive through a channel that the loop empties. A callback would run in a thread that competes with the loop
-for the interpreter at each message. The subscriber is a plain one. An advanced subscriber recovers lost messages but
-costs 8 to 28 us a message, and a message recovered seconds later is too old to score. Losses on the way show as gaps in
-the counters of the senders.
+for the interpreter at each message. A loop without messages waits for the first one (`FirstSample`). The subscriber is
+a plain one. An advanced subscriber recovers lost messages but costs 8 to 28 us a message, and a message recovered
+seconds later is too old to score. Losses on the way show as gaps in the counters of the senders.
 
 Alerts have a priority of their own and wait up to `block_timeout_s` for a slow network. To subscribers that connect
 here they are put with BLOCK: one that takes nothing is disconnected. A client puts them with DROP. With BLOCK, a router
@@ -24,6 +24,7 @@ import zenoh
 
 from headway.core.types.outcome import Outcome
 from headway.edge.clock import Clock
+from headway.edge.transport.first_sample import FirstSample
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.other_services import OtherServices
 from headway.edge.transport.ports import Channel, Query
@@ -93,6 +94,7 @@ class ZenohBus:
         self._other_services = OtherServices(keys, clock)
         self._wanted = dict.fromkeys(Channel, True)
         self._incoming: zenoh.handlers.Handler[zenoh.Sample] | None = None
+        self._first_sample: FirstSample | None = None
         self._polled_us = self._polled_ns = 0
         self._put_since_ns: int | None = None
         """Since when an alert is being put; None: none is."""
@@ -150,6 +152,7 @@ class ZenohBus:
         ]
         self._subscriber = session.declare_subscriber(keys.every_bsm, zenoh.handlers.FifoChannel(_INCOMING_LIMIT))
         self._incoming = self._subscriber.handler
+        self._first_sample = FirstSample(self._incoming)
 
     @property
     def received(self) -> int:
@@ -212,6 +215,12 @@ class ZenohBus:
         self._receive()
         return self._receive_queue.drain(limit, bytes_limit, now_ns)
 
+    def wait(self, timeout_s: float) -> None:
+        """Wait for a message, a query or a change of the connection."""
+        if self._first_sample is not None:
+            self._first_sample.wait(timeout_s)
+            self._polled_us, self._polled_ns = self._clock.local_us(), self._clock.monotonic_ns()
+
     def publish(self, channel: Channel, key: str, payload: bytes) -> None:
         """Queue a message, which another thread puts."""
         session = self._session
@@ -255,6 +264,8 @@ class ZenohBus:
     def close(self) -> None:
         """Publish what waits and close; takes at most `block_timeout_s` and a second for each queue."""
         self.unsubscribe()
+        if self._first_sample is not None:
+            self._first_sample.close()
         unsent = [worker.name for worker in self._workers if not worker.close(self._config.block_timeout_s + 1.0)]
         for declared in self._declared:
             declared.undeclare()
@@ -266,15 +277,18 @@ class ZenohBus:
 
     def _receive(self) -> None:
         """Receive what arrived since the last poll; its receive time is the middle between the two polls."""
-        if self._incoming is None:
+        if self._incoming is None or self._first_sample is None:
             return
         local_us, monotonic_ns = self._clock.local_us(), self._clock.monotonic_ns()
         received_us, received_ns = (self._polled_us + local_us) // 2, (self._polled_ns + monotonic_ns) // 2
         self._polled_us, self._polled_ns = local_us, monotonic_ns
+        first = self._first_sample.take()
+        if first is None:
+            return
         receive, new, kind_put = self._incoming.try_recv, tuple.__new__, zenoh.SampleKind.PUT
         messages, size, kept_bytes = [], 0, self._config.payload_max_bytes + 1
         try:
-            while (sample := receive()) is not None:
+            while (sample := first.pop() if first else receive()) is not None:
                 is_put = sample.kind == kind_put
                 encoding = str(sample.encoding)
                 payload = sample.payload
@@ -292,11 +306,16 @@ class ZenohBus:
         def ask(query: zenoh.Query) -> None:
             if len(self._queries) < _QUERY_LIMIT:
                 self._queries.append(ZenohQuery(query, key, self._answers))
+                self._wake()
             else:
                 self._queries_dropped += 1
                 query.drop()
 
         return ask
+
+    def _wake(self) -> None:
+        if self._first_sample is not None:
+            self._first_sample.wake()
 
     def _watch_subscribers(self, session: zenoh.Session, channel: Channel, key: str) -> zenoh.Publisher:
         """Update `wanted` from the matching status of a publisher of the whole channel, which publishes nothing."""
@@ -320,6 +339,7 @@ class ZenohBus:
         else:
             self._peers.discard(peer)
             self._log_disconnected(peer)
+        self._wake()
 
     def _has_waited(self, since_ns: int | None) -> bool:
         """Whether a put that began then has waited so long that zenoh is about to disconnect a peer."""
