@@ -1,13 +1,13 @@
 """A dashboard in a process of its own, a service that lives, and a page that is visited."""
 
 import json
+import os
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from browser.devtools import Browser
 from fake_service import Service, Traffic, free_port, health
@@ -18,19 +18,22 @@ def wall_us() -> int:
 
 
 @contextmanager
-def dashboard(endpoints: Sequence[str], sites: Sequence[str] = ("local",), **options: Any) -> Iterator[str]:
-    """Serve a page, and yield its address."""
-    arguments = {"connect": list(endpoints), "sites": list(sites), "port": free_port()} | options
-    start = f"from headway.dashboard.server import serve; serve(**{arguments!r})"
-    process = subprocess.Popen([sys.executable, "-c", start], stderr=subprocess.PIPE, text=True)
+def dashboard(endpoints: Sequence[str], sites: Sequence[str] = ("local",), *options: str) -> Iterator[str]:
+    """Serve a page by the command, and yield its address."""
+    port = free_port()
+    asked = [f"--connect={endpoint}" for endpoint in endpoints] + [f"--site={site}" for site in sites]
+    command = [sys.executable, "-m", "headway", "dashboard", f"--port={port}", *asked, *options]
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("HEADWAY_")}
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment)
     assert process.stderr is not None
-    assert "headway dashboard: http" in process.stderr.readline()
+    first = process.stderr.readline()
+    assert "headway dashboard: http" in first, first
     try:
-        yield f"http://127.0.0.1:{arguments['port']}"
+        yield f"http://127.0.0.1:{port}"
     finally:
         process.terminate()
         _, complaints = process.communicate(timeout=20)
-    assert complaints == ""
+    assert complaints == "", complaints
 
 
 @contextmanager
@@ -41,7 +44,7 @@ def visit(browser: Browser, address: str) -> Iterator[Browser]:
     browser.goto(address)
     yield browser
     origin = "/".join(address.split("/")[:3])
-    assert browser.complaints == []
+    assert browser.complaints == [], browser.complaints
     own = (origin, "data:image/", f"blob:{origin}")
     assert [asked for asked in browser.requested if not asked.startswith(own)] == []
     browser.goto("about:blank")

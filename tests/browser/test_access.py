@@ -49,7 +49,7 @@ def test_axe_finds_no_violation(busy: tuple[Browser, Service], screen: str, them
     page, _ = busy
     size(page, *SCREENS[screen])
     click(page, "#vehicles [data-vehicle]")
-    page.until("document.querySelectorAll('#plots svg.plot').length === 3")
+    page.until("document.querySelectorAll('#plots .uplot').length === 3")
     page.run("document.getElementById('details').open = true")
     page.until("document.querySelectorAll('#history tr').length === 4")
     if page.run("document.documentElement.dataset.theme") != theme:

@@ -12,6 +12,7 @@ from browser.devtools import Browser
 from browser.serving import alerts, alive, fill, live, text, visit, wall_us
 from fake_service import Traffic, event, service
 
+from headway import Detector, sample_recording
 from headway_schemas import Event, Kind, Phase, RejectedCopy, Sensor
 
 pytestmark = pytest.mark.browser
@@ -97,7 +98,7 @@ def test_history_survives_the_page_and_the_service(page: Browser, endpoint: str)
         page.until("document.querySelectorAll('#history tr').length === 3", within_s=20)
         page.until("document.querySelectorAll('#alerts [data-state=cleared].alert').length === 3")
         page.run("document.querySelector('#history button').click()")
-        page.until("document.querySelectorAll('#plots svg.plot').length === 3")
+        page.until("document.querySelectorAll('#plots .uplot').length === 3")
         assert "veh-0003" in page.run("document.getElementById('verdict').textContent")
 
 
@@ -140,11 +141,41 @@ def test_evidence_is_drawn(page: Browser, endpoint: str) -> None:
             running.publish(event(1, phase, t_us=at_us + 1_000_000 * second, onset_us=at_us))
         page.until("document.querySelectorAll('#alerts [data-event]').length === 1")
         page.run("document.querySelector('#alerts [data-event]').click()")
-        page.until("document.querySelectorAll('.plot .prediction .marks').length === 6")
-        assert page.run("document.querySelectorAll('.plot .reading .dots').length") == 2 * 60
-        assert page.run("document.querySelectorAll('.plot .gate .dash').length") == 1
+        page.until("document.querySelectorAll('#plots .uplot').length === 3")
+        for chart, look, points in (("Speed", "reading", "60"), ("Gap", "reading", "60"), ("Speed", "recovered", "3")):
+            figure = f"document.querySelector('#plots figure[aria-label^={chart}] .key.{look}')"
+            assert page.run(f"{figure}.dataset.points") == points
+        assert page.run("document.querySelectorAll('#plots .gate').length") == 1
         assert "veh-0001 says it is 4.00 m/s faster than it can be." in page.run(text("verdict"))
         assert "66.9, gate 13.8" in page.run(text("facts"))
+
+
+@pytest.fixture(scope="module")
+def found() -> list[Event]:
+    """Return the events of the recording that comes with headway."""
+    return Detector().process(sample_recording()).events
+
+
+def test_an_event_is_explained_played_again_and_shown_in_feet(page: Browser, endpoint: str, found: list[Event]) -> None:
+    onset = next(made for made in found if made.evidence is not None and made.sensor is not Sensor.LINK)
+    with service(endpoint) as running, alive(running, Traffic(20)):
+        live(page)
+        running.publish(*(made for made in found if made.event_id == onset.event_id))
+        page.until("document.querySelectorAll('#alerts [data-event]').length === 1")
+        page.run("document.querySelector('#alerts [data-event]').click()")
+        page.until(f"{text('explained')}.includes('numbers are equal to the last bit')", within_s=240)
+        assert page.run("document.querySelectorAll('#explanation tr[data-same=true]').length") >= 8
+        estimates = page.run("Number(document.querySelector('#plots .recovered').dataset.points)")
+        assert estimates >= len(onset.evidence.readings) - 5
+        page.run("document.getElementById('moment').value = 0; document.getElementById('play').click()")
+        page.until("Number(document.getElementById('moment').value) >= 5")
+        page.until(f"{text('at')}.includes('estimate')")
+        metres = page.run(text("verdict"))
+        page.run("document.getElementById('units').click()")
+        page.until("document.querySelector('#plots figcaption').textContent.startsWith('Speedmph')")
+        assert page.run(text("verdict")) != metres
+        page.run("document.getElementById('units').click()")
+        assert page.run(text("verdict")) == metres
 
 
 def test_what_a_sender_writes_stays_text(page: Browser, endpoint: str) -> None:
@@ -191,7 +222,7 @@ def test_pictures(page: Browser, endpoint: str, tmp_path: Path) -> None:
             page.run(
                 f"if (document.documentElement.dataset.theme !== '{theme}') document.getElementById('theme').click()"
             )
-            page.until("document.querySelectorAll('#plots svg.plot').length === 3")
+            page.until("document.querySelectorAll('#plots .uplot').length === 3")
             time.sleep(1.5)
             page.screenshot(folder / f"{theme}.png")
         page.call("Emulation.setDeviceMetricsOverride", width=420, height=900, deviceScaleFactor=1, mobile=False)

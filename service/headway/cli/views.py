@@ -1,12 +1,16 @@
 """`headway watch` and `headway dashboard`: what the service publishes, on a terminal and on a page."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from headway.cli.options import ConfigFile, Connect, Sites, ZenohConfig, options_as
+
+if TYPE_CHECKING:
+    from headway_schemas import Event
 
 
 def watch(
@@ -55,6 +59,7 @@ def dashboard(
     port: Annotated[int, typer.Option(min=0, max=65_535, help="Port of the page; 0 takes a free one.")] = 8080,
     token_file: Annotated[Path | None, typer.Option(help="File with the token that opens the page.")] = None,
     name: Annotated[list[str] | None, typer.Option(help="Further host name of the page; may be repeated.")] = None,
+    basemap: Annotated[Path | None, typer.Option(help="PMTiles file that is drawn below the road.")] = None,
 ) -> None:
     """Serve a web page of alerts, pairs and health, and notify others of faulty vehicles.
 
@@ -62,6 +67,8 @@ def dashboard(
     """
     from headway.cli.run.bus import bus_access
     from headway.dashboard import server
+    from headway.dashboard.app import Features
+    from headway.dashboard.basemap import Basemap
     from headway.dashboard.notifier import Receivers
 
     bus = bus_access(config, connect, zenoh_config)
@@ -75,4 +82,13 @@ def dashboard(
         names=name or (),
         zenoh_config=bus.zenoh_config,
         receivers=Receivers(options.webhook, options.alertmanager, options.runbook_url),
+        features=Features(_explained, None if basemap is None else Basemap(basemap)),
     )
+
+
+def _explained(updates: "Sequence[Event]") -> dict[str, Any]:
+    """Compute the updates of an event again; the kernels are loaded at the first call."""
+    from headway.explain import compare
+
+    explained = [compare.replayed(update) for update in updates]
+    return compare.to_json(explained) | {"estimates": compare.estimates(explained)}

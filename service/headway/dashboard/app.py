@@ -1,7 +1,9 @@
 """The web application: the page and its requests."""
 
+import asyncio
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +17,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 
 from headway.dashboard.access import WRITABLE, AccessControl
+from headway.dashboard.basemap import Basemap
 from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.sse import EventStream
 from headway.dashboard.view_state import Row, update_row
@@ -24,6 +27,19 @@ from headway_schemas.fields import Id
 from headway_schemas.handling import HandlingRequest
 from headway_schemas.query import AlertsQuery
 
+Explain = Callable[[Sequence[Event]], Row]
+"""Computes the updates of an event again; returns what `headway explain --json` says, with the estimates."""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What a page has beside the state of its sites."""
+
+    explain: Explain | None = None
+    basemap: Basemap | None = None
+
+
+NO_FEATURES: Final = Features()
 VIEWER_LIMIT: Final = 64
 EVIDENCE_FIRST: Final = 2
 EVIDENCE_LAST: Final = 8
@@ -37,16 +53,24 @@ _STATIC: Final = Path(__file__).with_name("static")
 
 
 def create_app(
-    broadcaster: Broadcaster, *, host: str = "127.0.0.1", token: str | None = None, names: Iterable[str] = ()
+    broadcaster: Broadcaster,
+    *,
+    host: str = "127.0.0.1",
+    token: str | None = None,
+    names: Iterable[str] = (),
+    features: Features = NO_FEATURES,
 ) -> Starlette:
     """Return the application that shows the state of a broadcaster."""
-    page = _Page(broadcaster)
+    page = _Page(broadcaster, features)
     return Starlette(
         routes=[
             Route("/", page.index),
             Route("/stream", page.stream),
             Route("/history", page.history),
+            Route("/basemap", page.basemap),
+            Route("/basemap/{z:int}/{x:int}/{y:int}", page.tile),
             Route("/event/{event_id}", page.event),
+            Route("/event/{event_id}/explanation", page.explanation),
             Route(WRITABLE, page.handle, methods=["POST"]),
             Mount("/static", StaticFiles(directory=_STATIC)),
         ],
@@ -57,8 +81,11 @@ def create_app(
 class _Page:
     """Answers from one broadcaster."""
 
-    def __init__(self, broadcaster: Broadcaster) -> None:
+    def __init__(self, broadcaster: Broadcaster, features: Features) -> None:
         self._broadcaster = broadcaster
+        self._explain = features.explain
+        self._basemap = features.basemap
+        self._explaining = asyncio.Lock()
 
     async def index(self, _: Request) -> Response:
         return FileResponse(_STATIC / "index.html")
@@ -101,10 +128,13 @@ class _Page:
         """Return the sites that are asked for; none where there is no such site."""
         return self._broadcaster.sites if site is None else tuple({site} & set(self._broadcaster.sites))
 
-    async def event(self, request: Request) -> Response:
+    async def _updates(self, request: Request) -> list[Event]:
         event_id = request.path_params["event_id"]
         sites = self._sites(request.query_params.get("site"))
-        updates = await self._broadcaster.event(event_id, sites) if _EVENT_ID.fullmatch(event_id) else []
+        return await self._broadcaster.event(event_id, sites) if _EVENT_ID.fullmatch(event_id) else []
+
+    async def event(self, request: Request) -> Response:
+        updates = await self._updates(request)
         if not updates:
             return PlainTextResponse("no such event\n", 404)
         return JSONResponse(
@@ -113,6 +143,25 @@ class _Page:
                 for event, brief in zip(updates, _brief(len(updates)), strict=True)
             ]
         )
+
+    async def explanation(self, request: Request) -> Response:
+        """Return what the event's evidence says when it is computed again; null where there is none."""
+        with_evidence = [update for update in await self._updates(request) if update.evidence is not None]
+        if self._explain is None or not with_evidence:
+            return JSONResponse(None)
+        async with self._explaining:  # one at a time: it computes, and the first compiles
+            return JSONResponse(await asyncio.to_thread(self._explain, with_evidence))
+
+    async def basemap(self, _: Request) -> Response:
+        """Return what the basemap is; null where there is none."""
+        return JSONResponse(None if self._basemap is None else self._basemap.description)
+
+    async def tile(self, request: Request) -> Response:
+        place = (request.path_params[name] for name in "zxy")
+        content = None if self._basemap is None else self._basemap.tile(*place)
+        if self._basemap is None or content is None:
+            return Response(status_code=204)
+        return Response(content, headers=self._basemap.headers)
 
     async def handle(self, request: Request) -> Response:
         """Take a handling: JSON of a `HandlingRequest` with the `site`."""

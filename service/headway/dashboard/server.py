@@ -13,7 +13,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from headway.client import BusFeed, Feed
 from headway.dashboard.access import is_loopback, read_token
-from headway.dashboard.app import create_app
+from headway.dashboard.app import NO_FEATURES, Features, create_app
 from headway.dashboard.broadcast import Broadcaster, wall_us
 from headway.dashboard.contact import ContactNotice
 from headway.dashboard.notifier import Notifier, Receivers
@@ -37,6 +37,7 @@ def serve(
     prefix: str = "v2x",
     zenoh_config: Path | None = None,
     receivers: Receivers | None = None,
+    features: Features = NO_FEATURES,
 ) -> None:
     """Serve the page until SIGINT or SIGTERM; the bus may come and go meanwhile.
 
@@ -53,7 +54,7 @@ def serve(
     token = None if token_file is None else read_token(token_file)
     feed = BusFeed(connect, sites, prefix=prefix, zenoh_config=zenoh_config)
     with bind(host, port) as listener:
-        server = Server(feed, sites, host, token, names, ContactNotice("dashboard", connect), receivers)
+        server = Server(feed, sites, host, token, names, ContactNotice("dashboard", connect), receivers, features)
         shown = f"[{host}]" if ":" in host else host
         sys.stderr.write(f"headway dashboard: http://{shown}:{listener.getsockname()[1]}/ of {', '.join(sites)}\n")
         try:
@@ -91,12 +92,13 @@ class Server(uvicorn.Server):
         names: Sequence[str],
         notice: ContactNotice | None = None,
         receivers: Receivers | None = None,
+        features: Features = NO_FEATURES,
     ) -> None:
         self._feed = feed
         self._notice = notice
         self.broadcaster = Broadcaster(feed, sites)
         self._notifier = Notifier(receivers or Receivers(), self.broadcaster.view_state, wall_us)
-        app = create_app(self.broadcaster, host=host, token=token, names=names)
+        app = create_app(self.broadcaster, host=host, token=token, names=names, features=features)
         # The access log would contain the token of a first visit. The headers of a proxy are not verified.
         config = uvicorn.Config(
             app,

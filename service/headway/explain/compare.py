@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from rich.console import Console
@@ -18,6 +18,8 @@ from headway_schemas import event as wire
 from headway_schemas.event import Event, Phase
 
 Value = float | str | bool | None
+
+_ESTIMATED: Final = ("x_m", "v_mps", "x_std_m", "v_std_mps", "statistic", "gate")
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,6 +91,17 @@ def to_json(explained: Sequence[Explained]) -> dict[str, Any]:
             for one in explained
         ],
     }
+
+
+def estimates(explained: Sequence[Explained]) -> list[dict[str, float | None]]:
+    """Return the estimate with each reading of the evidence, oldest first: m and m/s, with one sigma of each."""
+    rows: dict[float, dict[str, float | None]] = {
+        float(reading["t_s"]): {name: _finite(verdict[name]) for name in _ESTIMATED}
+        for one in explained
+        if one.readings is not None and one.verdicts is not None
+        for reading, verdict in zip(one.readings, one.verdicts, strict=True)
+    }
+    return [rows[t_s] | {"t_s": t_s} for t_s in sorted(rows)]
 
 
 def _compared(event: Event, verdict: np.void) -> list[Number]:

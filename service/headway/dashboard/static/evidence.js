@@ -1,12 +1,19 @@
 // The readings around one event, what was expected and what is estimated instead. It stays until another is chosen.
 
 import { $, el, number, setText, stamp } from "./dom.js";
-import { plot } from "./plot.js";
-import { placeSeries, readingsOf, speedSeries, statisticSeries } from "./series.js";
+import { Charts } from "./chart.js";
+import { renderExplanation } from "./explanation.js";
+import { qualityText } from "./quality.js";
+import { Replay } from "./replay.js";
+import { placeChart, readingsOf, speedChart, statisticChart } from "./series.js";
+import { keyOf } from "./store.js";
+import { withUnit } from "./units.js";
 import { SENSORS, advice, likelihood, place, sentences } from "./words.js";
 
 export class EvidencePanel {
-  #store; #chosen = null; #drawn = null; #asked = 0;
+  #store; #chosen = null; #drawn = null; #asked = 0; #shown = null;
+  #charts = new Charts($("plots"));
+  #replay = new Replay(this.#charts);
 
   constructor(store) {
     this.#store = store;
@@ -22,9 +29,10 @@ export class EvidencePanel {
     if (key === this.#chosen) return;
     this.#chosen = key;
     this.#drawn = null;
-    $("plots").replaceChildren();
+    this.#shown = null;
+    this.#charts.clear();
     $("facts").replaceChildren();
-    $("details").hidden = true;
+    $("details").hidden = $("replay").hidden = true;
     this.render();
     if (key) void this.load();
   }
@@ -49,42 +57,56 @@ export class EvidencePanel {
     setText($("fresh"), `${fresh} new`);
   }
 
-  /** Fetches the updates of the event and draws their readings. */
+  /** Fetches the updates of the event and draws their readings, then the estimate with each of them. */
   async load() {
     const event = this.#store.events.get(this.#chosen), asked = ++this.#asked;
     if (!event) return;
-    const address = `/event/${encodeURIComponent(event.event_id)}?site=${encodeURIComponent(event.site)}`;
-    const answer = await fetch(address).catch(() => null);
-    if (asked !== this.#asked || event.key !== this.#chosen) return;
+    const address = `/event/${encodeURIComponent(event.event_id)}`, site = `?site=${encodeURIComponent(event.site)}`;
+    const isLate = () => asked !== this.#asked || event.key !== this.#chosen;
+    const answer = await fetch(address + site).catch(() => null);
+    if (isLate()) return;
     if (!answer?.ok) {
-      $("plots").replaceChildren(el("p", { class: "none" }, answer ? "The readings are not stored any more." : "No contact with the dashboard."));
+      this.#charts.say(answer ? "The readings are not stored any more." : "No contact with the dashboard.");
       return;
     }
     const updates = await answer.json(), known = this.#store.events.get(event.key) ?? event;
     this.#drawn = Math.max(updates.length, known.updates);
-    this.#draw(known, updates, this.#store.pairs.get(`${event.site}/${event.follower}`));
+    this.#draw(known, updates, []);
     this.render();
+    renderExplanation(null);
+    const explained = await fetch(`${address}/explanation${site}`).then((found) => (found.ok ? found.json() : null), () => null);
+    if (isLate()) return;
+    renderExplanation(explained);
+    if (explained?.estimates.length) this.#draw(known, updates, explained.estimates);
+    $("evidence").dataset.explained = event.event_id;
   }
 
-  #draw(event, updates, pair) {
-    const zero_s = updates[0].t_us / 1e6, readings = readingsOf(updates);
-    if (readings.length) {
-      $("plots").replaceChildren(
-        plot({ title: "Speed", unit: "m/s", series: speedSeries(readings, updates, zero_s) }),
-        plot(placeSeries(readings, updates, zero_s)),
-        plot({ title: "Statistic", unit: "", log: true, series: statisticSeries(updates, pair, zero_s) }),
-      );
-    } else $("plots").replaceChildren(el("p", { class: "none" }, "There is no reading to show."));
+  /** Draws the same again, in other colours or units. */
+  redraw() {
+    if (this.#shown) this.#draw(...this.#shown);
+  }
+
+  #draw(event, updates, estimates) {
+    this.#shown = [event, updates, estimates];
+    const parts = { readings: readingsOf(updates), updates, estimates, zero_s: updates[0].t_us / 1e6,
+      pair: this.#store.pairs.get(`${event.site}/${event.follower}`) };
+    if (parts.readings.length) this.#charts.show([speedChart(parts), placeChart(parts), statisticChart(parts)]);
+    else this.#charts.say("There is no reading to show.");
+    this.#replay.open(parts);
     $("details").hidden = false;
-    $("facts").replaceChildren(...Object.entries(facts(event, updates)).map(([name, value]) =>
+    $("facts").replaceChildren(...Object.entries(facts(event, updates, this.#store)).map(([name, value]) =>
       el("div", {}, el("dt", {}, name), el("dd", {}, value))));
   }
 }
 
-function facts(event, updates) {
+function facts(event, updates, store) {
   const newest = updates.findLast(({ statistic }) => statistic !== null) ?? updates.at(-1);
   const sure = event.confidence === null ? "–" : `${Math.round(event.confidence * 100)} % for ${event.kind} in ${SENSORS[event.sensor]}`;
+  const quality = store.qualities.get(keyOf(event.site, event.suspect));
   return {
+    leader: event.leader ?? "free road",
+    "gap now": withUnit("length", store.pairs.get(keyOf(event.site, event.follower))?.gap_m, number),
+    sensors: quality ? qualityText(quality) : "–",
     "highest statistic": `${number(event.statistic)}, gate ${number(event.gate)}`,
     "something is wrong": `${likelihood(event.p_value) || "–"}, p-value ${number(event.p_value)}`,
     "this kind and sensor": sure,

@@ -2,18 +2,19 @@
 
 import { readAddress, writeAddress } from "./address.js";
 import { AlertList } from "./alerts.js";
-import { download, toCsv } from "./csv.js";
 import { DesktopNotices } from "./desktop.js";
-import { $, el, instant, localTime, setText } from "./dom.js";
+import { $, el, instant, localTime, number, setText } from "./dom.js";
 import { EvidencePanel } from "./evidence.js";
 import { HandlingPanel, handlingText } from "./handling.js";
 import { History } from "./history.js";
 import { listenKeys } from "./keys.js";
 import { legend, Road } from "./road.js";
+import { saveBy } from "./save.js";
 import { renderService } from "./service.js";
 import { renderStatus } from "./status.js";
 import { KINDS, keyOf, matches, Store } from "./store.js";
 import { tiles } from "./tiles.js";
+import { chooseFeet, inFeet, unitOf } from "./units.js";
 import { VehicleList } from "./vehiclelist.js";
 import { vehiclesOf } from "./vehicles.js";
 
@@ -190,6 +191,21 @@ function theme(choice) {
   document.documentElement.dataset.theme = choice;
   localStorage.setItem("theme", choice);
   road.recolour();
+  evidence.redraw();
+}
+
+/** Shows all lengths and speeds in feet and miles per hour, or in metres. */
+function units(feet) {
+  chooseFeet(feet);
+  setText($("units"), unitOf("length")[1]);
+  evidence.redraw();
+  render();
+}
+
+/** The time zone of all times on the page, such as "Europe/Berlin, UTC+2". */
+function zone() {
+  const minutes = -new Date().getTimezoneOffset(), hours = number(Math.abs(minutes) / 60);
+  return `${Intl.DateTimeFormat().resolvedOptions().timeZone}, UTC${minutes < 0 ? "−" : "+"}${hours}`;
 }
 
 const vehicleRow = (vehicle) => ({ ...vehicle, vehicle: vehicle.id, kinds: [...vehicle.kinds].join(" "), handling: handlingText(vehicle) });
@@ -203,12 +219,14 @@ $("range").addEventListener("submit", (event) => { event.preventDefault(); settl
 $("all").addEventListener("click", () => { suspect = ""; render(); });
 $("fit").addEventListener("click", () => road.fit());
 $("link").addEventListener("click", () => void copyLink());
-$("vehicles-csv").addEventListener("click", () => download("vehicles.csv", toCsv(VEHICLE_COLUMNS, shownVehicles.map(vehicleRow))));
-$("alerts-csv").addEventListener("click", () => download("alerts.csv", toCsv(EVENT_COLUMNS, shownEvents)));
-$("history-csv").addEventListener("click", () => download("history.csv", toCsv(EVENT_COLUMNS, history.shown)));
+saveBy("vehicles", VEHICLE_COLUMNS, () => shownVehicles.map(vehicleRow));
+saveBy("alerts", EVENT_COLUMNS, () => shownEvents);
+saveBy("history", EVENT_COLUMNS, () => history.shown);
 $("theme").addEventListener("click", () => theme(document.documentElement.dataset.theme === "light" ? "dark" : "light"));
 theme(localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark"));
-setText($("zone"), `Times are of ${Intl.DateTimeFormat().resolvedOptions().timeZone}.`);
+setText($("zone"), `Times: ${zone()}`);
+$("units").addEventListener("click", () => units(!inFeet()));
+setText($("units"), unitOf("length")[1]);
 listenKeys((action) => void handling.send(action));
 openAddress();
 setInterval(slow, SLOW_MS);

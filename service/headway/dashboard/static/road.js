@@ -2,6 +2,7 @@
 
 import { el, number, setText, svg } from "./dom.js";
 import { STANDINGS } from "./store.js";
+import { inFeet, withUnit } from "./units.js";
 import { Plane, View } from "./view.js";
 
 const EASE_S = 0.18;
@@ -286,8 +287,8 @@ function nearest(pairs, { x, y }) {
 }
 
 function describe(pair) {
-  const behind = pair.leader ? `\n${number(pair.gap_m)} m behind ${pair.leader}` : "\nfree road";
-  return `${pair.follower}  ${pair.standing}\n${number(pair.v_mps)} m/s${behind}\n` +
+  const behind = pair.leader ? `\n${withUnit("length", pair.gap_m, number)} behind ${pair.leader}` : "\nfree road";
+  return `${pair.follower}  ${pair.standing}\n${withUnit("speed", pair.v_mps, number)}${behind}\n` +
     `statistic ${number(pair.statistic)} of ${number(pair.gate)}`;
 }
 

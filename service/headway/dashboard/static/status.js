@@ -37,6 +37,7 @@ export function statusOf(store) {
 }
 
 function contactOf(store) {
+  if (!store.connection) return ["down", "connecting"];
   if (!store.connection.connected) return ["down", "dashboard up, no contact with the bus"];
   const sites = store.sites.map((site) => store.siteState(site));
   const silent = sites.filter(({ state }) => state === "silent");

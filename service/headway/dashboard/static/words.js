@@ -1,6 +1,7 @@
 // Events in sentences: what is wrong, how certain it is, what to do. Pure: no document.
 
 import { clock, number } from "./dom.js";
+import { withUnit } from "./units.js";
 
 export const SENSORS = { location: "position", speed: "speed", both: "position and speed", heading: "heading", link: "link" };
 
@@ -60,13 +61,13 @@ export function claim(event) {
 }
 
 function position({ kind, deviation_m, ahead }) {
-  const off = `${distance(deviation_m)} m`;
+  const off = withUnit("length", deviation_m, distance);
   if (kind === "noise" || ahead === null) return `reports positions up to ${off} off`;
   return `says it is ${off} further ${ahead ? "ahead" : "back"} than it can be`;
 }
 
 function velocity({ kind, deviation_mps, fast }) {
-  const off = `${distance(deviation_mps)} m/s`;
+  const off = withUnit("speed", deviation_mps, distance);
   if (kind === "noise" || fast === null) return `reports speeds up to ${off} off`;
   return `says it is ${off} ${fast ? "faster" : "slower"} than it can be`;
 }
@@ -102,7 +103,7 @@ export function place({ suspect, leader, follower }) {
 /** The largest deviation of an event or vehicle, in the units that it has. */
 export function deviation({ deviation_m, deviation_mps, sensor }) {
   const parts = [];
-  if (deviation_m !== null && sensor !== "speed") parts.push(`${distance(deviation_m)} m`);
-  if (deviation_mps !== null && sensor !== "location") parts.push(`${distance(deviation_mps)} m/s`);
+  if (deviation_m !== null && sensor !== "speed") parts.push(withUnit("length", deviation_m, distance));
+  if (deviation_mps !== null && sensor !== "location") parts.push(withUnit("speed", deviation_mps, distance));
   return parts.join(", ");
 }

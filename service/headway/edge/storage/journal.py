@@ -8,7 +8,6 @@ updates themselves.
 """
 
 import sqlite3
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
@@ -30,6 +29,7 @@ from headway.edge.storage.journal_format import (
     StoredRow,
     move_aside,
     number,
+    pack,
     prepare,
     reason_of,
     require_format,
@@ -281,9 +281,9 @@ class Journal:
             readings, _, rest = evidence.partition(',"checkpoint":')
             _, _, parameters = rest.partition(',"parameters":')
             checkpoint = event.evidence.checkpoint
-            packed = None if checkpoint is None else zlib.compress(checkpoint, 1)
+            packed = pack((readings + "}").encode()), None if checkpoint is None else pack(checkpoint)
             config = self._config_id(db, event.config_hash, parameters[:-2])
-            db.execute("INSERT INTO evidence VALUES (?, ?, ?, ?)", (row, readings + "}", packed, config))
+            db.execute("INSERT INTO evidence VALUES (?, ?, ?, ?)", (row, *packed, config))
         return row
 
     def _config_id(self, db: sqlite3.Connection, config_hash: str, parameters: str) -> int:
