@@ -4,7 +4,9 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from headway.core.site.handover import adopt_state, disown, take_state
 from headway.core.site.housekeeping import Housekeeping
 from headway.core.site.pair_states import pair_states
 from headway.core.site.passing_time import PassingTime
@@ -20,6 +22,7 @@ from headway.core.types.identifiers import id_column
 from headway.core.types.sensor_quality import QualityStates
 from headway.core.types.snapshot import Snapshot
 from headway.core.types.step_result import PairStates, RecordVerdicts, StepResult, StepTally
+from headway.core.types.vehicle_state import VehicleState
 
 
 class Engine:
@@ -34,8 +37,9 @@ class Engine:
 
     @property
     def vehicles(self) -> int:
-        """Vehicles known now."""
-        return len(self._site.vehicles)
+        """Vehicles known now that this engine publishes."""
+        owned = self._site.tables.owned
+        return len(self._site.vehicles) - (owned.size - int(np.count_nonzero(owned)))
 
     @property
     def now_us(self) -> int:
@@ -55,7 +59,7 @@ class Engine:
     @property
     def open_event_ids(self) -> set[str]:
         """The `event_id` of each open event."""
-        site, rows = self._site, self._site.rows()
+        site, rows = self._site, self._site.owned_rows()
         logs = site.events.snapshot(rows), site.pair_events.snapshot(rows), site.misses.snapshot(rows)
         return {event.event_id for log in logs for event in log}
 
@@ -65,18 +69,20 @@ class Engine:
         now_us: int | None = None,
         clock_offset_us: int = 0,
         out: RecordVerdicts | None = None,
+        owned: NDArray[np.bool_] | None = None,
     ) -> StepResult:
         """Process a batch in the order of arrival, then let time pass until local time `now_us` (microseconds).
 
         Without `now_us`, time passes until the newest record. Local time is that of `received_us` and never leaps. With
         `clock_offset_us` added it is Unix time, against which the age of a record is measured. The same records in
-        other batches give the same results. `out`, if given, is filled with what was found of each record.
+        other batches give the same results. `out`, if given, is filled with what was found of each record. `owned` (B,)
+        is whether the vehicle of each record is of this engine, or of one beside it that publishes and counts it.
         """
         tally, outcomes = StepTally(), np.empty(len(batch), np.uint8)
         if len(batch):
             numbers = columns(batch)
             received_us, starts = self._time.receive(numbers.received_us)
-            whole = Slot(batch.ids, batch.leader_ids, numbers._replace(received_us=received_us), outcomes, out)
+            whole = Slot(batch.ids, batch.leader_ids, numbers._replace(received_us=received_us), outcomes, out, owned)
             for start, stop in pairwise([*starts, len(batch)]):
                 self._time.pass_until(int(received_us[start]), tally)
                 self._rounds.process(whole.part(start, stop) if len(starts) > 1 else whole, clock_offset_us, tally)
@@ -119,6 +125,34 @@ class Engine:
         self._slot_end.resume()
         self._housekeeping.count_pairs()
         return vehicles
+
+    def state_of(self, vehicle: str) -> VehicleState | None:
+        """Return the state of a vehicle, from which another engine continues; None if the vehicle is not known."""
+        return take_state(self._site, vehicle)
+
+    def release(self, vehicle: str) -> VehicleState | None:
+        """Return the state of a vehicle for the engine that publishes it from now on; None if it is not known.
+
+        Its open events end here without an update. It is judged on for its neighbours while its messages come.
+        """
+        state = take_state(self._site, vehicle)
+        if state is not None:
+            disown(self._site, vehicle)
+        return state
+
+    def adopt(self, state: VehicleState, *, owned: bool = True) -> bool:
+        """Continue with a vehicle from its state, known here before or not; return whether there was room for it.
+
+        The state must come from the configuration of this engine and from this version of the core. Its neighbours are
+        those vehicles of the same id that are known here, so a leader should come before its followers.
+        """
+        row = adopt_state(self._site, state, owned=owned)
+        if row is None:
+            return False
+        if self._time.now_us == 0:
+            self._time.start(int(state.tables["tracks"]["received_us"][0]))
+        self._slot_end.add_again(row)
+        return True
 
     def warm_up(self) -> None:
         """Compile or load every kernel, on two vehicles of another engine: this one does not change."""

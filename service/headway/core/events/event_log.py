@@ -148,6 +148,16 @@ class EventLog:
             deviation=event.deviation,
         )
 
+    def cleared_us(self, row: int) -> int:
+        """Return the event time at which the newest event of a row ended; 0: none did."""
+        return int(self._cleared_us[row])
+
+    def replace(self, row: int, event: OpenEvent | None, cleared_us: int) -> None:
+        """Set the open event of a row, and when the one before ended, without an event update."""
+        self.drop(row)
+        self._cleared_us[row] = cleared_us
+        self.restore([event] if event is not None else [])
+
     def evict(self, row: int) -> None:
         """Forget a row, without an event update."""
         self.drop(row)

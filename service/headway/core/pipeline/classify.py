@@ -74,7 +74,8 @@ def classify(
             mark |= REAPPEARED
         marks[i] = mark
         all_marks |= mark
-        anomalous += verdict.anomalous
-        repairs += verdict.repaired
-        restarts += verdict.restarted
+        if tables.owned[row]:
+            anomalous += verdict.anomalous
+            repairs += verdict.repaired
+            restarts += verdict.restarted
     return Classified(outcomes, marks, all_marks, anomalous, repairs, restarts)

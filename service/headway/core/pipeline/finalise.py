@@ -59,5 +59,5 @@ def finalise(
     step_pair_tests(tables.pair_tests, rows, ingested.leaders, substituted, params.pair_tests, pair_verdicts)
     classified = classify(tables, ingested, verdicts, pair_verdicts, params)
     out_outcomes[ingested.places] = classified.outcomes
-    nis = verdicts["nis"][classified.outcomes == _SCORED]
+    nis = verdicts["nis"][(classified.outcomes == _SCORED) & tables.owned[rows]]
     return Finalised(classified, pair_verdicts, nis, search_due, resets)

@@ -64,9 +64,11 @@ def ingest(
         silence_limits_us[i] = limit_us(tracks[rows[i]], params.silence_timeout_s)
         last_received_us[i], step_us[i] = tracks[rows[i]].received_us, -tracks[rows[i]].t_us
     advanced = advance(tracks, rows, batch, round_places, params.max_gap_s)
-    places, n = np.empty(rows.size, np.int64), 0
+    places, n, sequence_gaps = np.empty(rows.size, np.int64), 0, 0
     for i in range(rows.size):
         place = round_places[i]
+        if tables.owned[rows[i]]:
+            sequence_gaps += advanced.sequence_gap[i]
         if advanced.initialised[i]:
             tables.bank_bytes[rows[i]] = 0
             tables.evidence.counts[rows[i]] = 0
@@ -83,7 +85,6 @@ def ingest(
     store_readings(tables.evidence, tables.bank, rows, readings, leaders)
     verdicts = np.zeros(n, VERDICT)
     check_readings(tables.plausibility, rows, readings, params.limits, verdicts)
-    sequence_gaps = advanced.sequence_gap.sum()
     return Ingested(
         places,
         rows,

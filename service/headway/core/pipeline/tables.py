@@ -34,6 +34,8 @@ class Tables(NamedTuple):
     filter_event_active: NDArray[np.bool_]
     pair_event_active: NDArray[np.bool_]
     miss_event_active: NDArray[np.bool_]
+    owned: NDArray[np.bool_]
+    """False: another engine publishes and counts this vehicle; here it is judged for its neighbours."""
 
 
 class RoundParams(NamedTuple):

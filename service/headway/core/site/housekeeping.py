@@ -5,7 +5,7 @@ import numpy as np
 from headway.core.site.state import SiteState
 from headway.core.tracking import reception
 from headway.core.types.batch import I64
-from headway.core.types.step_result import StepTally
+from headway.core.types.step_result import AnomalyEvent, StepTally
 
 
 class Housekeeping:
@@ -28,12 +28,13 @@ class Housekeeping:
         silent = now_us - since_us > self._site.config.vehicle_ttl_s * 1e6
         if silent.any():
             self._evict(rows[silent], now_us, tally)
-            leaders = self._site.leaders(self._site.rows())
-        self.pairs = int((leaders >= 0).sum())
+            rows = self._site.rows()
+            leaders = self._site.leaders(rows)
+        self.pairs = int(((leaders >= 0) & self._site.tables.owned[rows]).sum())
 
     def count_pairs(self) -> None:
         """Bring `pairs` up to date between two runs."""
-        self.pairs = int((self._site.leaders(self._site.rows()) >= 0).sum())
+        self.pairs = int((self._site.leaders(self._site.owned_rows()) >= 0).sum())
 
     def _start_misses(self, rows: I64, leaders: I64, now_us: int, tally: StepTally) -> None:
         site, tracks = self._site, self._site.tables.tracks
@@ -56,16 +57,19 @@ class Housekeeping:
                 self._pseudonym_changed_us[row] = received_us[row]
             else:
                 t_us = int(tracks["t_us"][row])
-                tally.events.append(site.misses.start(row, int(leaders[i]), t_us, int(received_us[row]), now_us))
+                miss = site.misses.start(row, int(leaders[i]), t_us, int(received_us[row]), now_us)
+                tally.events += site.published([miss])
 
     def _evict(self, rows: I64, now_us: int, tally: StepTally) -> None:
         """Evict these rows, and clear the open events that concern them."""
         site = self._site
         t_us, received_us = site.tables.tracks["t_us"], site.tables.tracks["received_us"]
+        ended: list[AnomalyEvent] = []
         for log in (site.events, site.pair_events):
-            for row in log.of(rows) if len(log) else ():
-                tally.events.append(log.end(row, int(t_us[row]), int(received_us[row]), now_us))
-        for row in rows[site.misses.active[rows]].tolist():
-            tally.events.append(site.misses.end(row, -1, int(t_us[row]), int(received_us[row]), now_us))
+            of = log.of(rows) if len(log) else ()
+            ended += [log.end(row, int(t_us[row]), int(received_us[row]), now_us) for row in of]
+        silent = rows[site.misses.active[rows]].tolist()
+        ended += [site.misses.end(row, -1, int(t_us[row]), int(received_us[row]), now_us) for row in silent]
+        tally.events += site.published(ended)
+        tally.evicted += int(site.tables.owned[rows].sum())
         site.evict(rows)
-        tally.evicted += rows.size

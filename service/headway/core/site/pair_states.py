@@ -9,7 +9,7 @@ from headway.core.types.step_result import PairStates
 
 def pair_states(site: SiteState, stride: int, phase: int) -> PairStates:
     """Return the vehicles whose row is `phase` modulo `stride`, as columns."""
-    tables, rows, ids = site.tables, site.rows(stride, phase), site.vehicles.id_of
+    tables, rows, ids = site.tables, site.owned_rows(stride, phase), site.vehicles.id_of
     track, verdict = tables.tracks[rows], tables.newest_verdicts[rows]
     leaders, gap_m = site.leaders(rows), np.empty(rows.size)
     gaps_m(tables.tracks, tables.pairing, rows, gap_m)

@@ -10,7 +10,7 @@ def quality_states(site: SiteState, stride: int, phase: int) -> QualityStates | 
     """Return the vehicles whose row is `phase` modulo `stride`; None where the model learns nothing of sensors."""
     if site.model.sensor_qualities is None:
         return None
-    rows = site.rows(stride, phase)
+    rows = site.owned_rows(stride, phase)
     bank = site.tables.bank[rows]
     qualities = site.model.sensor_qualities(bank["model"])
     known = np.isfinite(qualities.position_noise_m)

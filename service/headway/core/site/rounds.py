@@ -36,6 +36,8 @@ class Slot(NamedTuple):
     columns: Columns
     outcomes: NDArray[np.uint8]
     records: RecordVerdicts | None
+    owned: NDArray[np.bool_] | None
+    """(B,) whether this engine publishes and counts the vehicle; None: all of them."""
 
     def part(self, start: int, stop: int) -> "Slot":
         """Return the records from `start` to `stop`."""
@@ -47,6 +49,7 @@ class Slot(NamedTuple):
             Columns._make(column[part] for column in self.columns),
             self.outcomes[part],
             records and RecordVerdicts(records.verdicts[part], records.readings[part], records.leader_ids[part]),
+            None if self.owned is None else self.owned[part],
         )
 
 
@@ -69,6 +72,8 @@ class RoundProcessor:
         max_age_us, max_ahead_us = site.config.max_age_s * 1e6, site.config.max_ahead_s * 1e6
         self._reject_by_age(t_us - clock_offset_us, received_us, max_age_us, max_ahead_us, outcomes)
         rows = self._assign_rows(slot.ids, received_us, outcomes)
+        if slot.owned is not None:
+            site.tables.owned[rows[rows >= 0]] = slot.owned[rows >= 0]
         declared_rows = site.vehicles.rows(slot.leader_ids)
         site.reception.record(received_us)
         order, nth, count = self._rounds(rows, self._leader_rows, site.pair_events.suspects, outcomes, self._workspace)
@@ -79,6 +84,7 @@ class RoundProcessor:
                 self._process_round(slot, rows, declared_rows, places, events, tally)
             except Exception as error:  # noqa: BLE001 - a defect must not end the service; it is counted and logged
                 self._fail(error, slot, rows, places, tally)
+        events = site.published(events)
         tally.events += events if len(events) < 2 else _in_record_order(events, slot)
 
     def _assign_rows(self, ids: Ids, received_us: I64, outcomes: NDArray[np.uint8]) -> I64:
@@ -182,7 +188,7 @@ class RoundProcessor:
             found, odds = finalised.pair_verdicts[at], finalised.pair_verdicts["follower_log_odds"][at]
             pair = pair_verdicts(found, verdicts[at])
             suspects = np.where((odds < 0.0) & (leaders[at] >= 0), leaders[at], rows[at])
-            tally.anomalous += int(pair["anomalous"].sum())
+            tally.anomalous += int((pair["anomalous"] & self._site.tables.owned[rows[at]]).sum())
             events += self._site.pair_events.update(rows[at], suspects, leaders[at], t_us[at], received_us[at], pair)
         at = some[marks & REAPPEARED > 0]
         if at.size:

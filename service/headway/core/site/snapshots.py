@@ -13,11 +13,11 @@ from headway.core.types.snapshot import Snapshot
 
 def take_snapshot(site: SiteState, stride: int, phase: int) -> Snapshot:
     """Return copies of the state of the vehicles of one part (`SiteState.rows`)."""
-    rows = site.rows(stride, phase)
+    rows = site.owned_rows(stride, phase)
     return Snapshot(
         rows=rows,
         ids=[str(site.vehicles.id_of[row]) for row in rows],
-        tables={name: _copy(table, rows) for name, table in _tables(site).items()},
+        tables={name: copied(table, rows) for name, table in vehicle_tables(site).items()},
         events=site.events.snapshot(rows),
         pair_events=site.pair_events.snapshot(rows),
         misses=site.misses.snapshot(rows),
@@ -39,24 +39,25 @@ def restore_snapshot(site: SiteState, snapshot: Snapshot, now_us: int) -> int:
     kept = np.sort(kept[newest_us - received_us[kept] <= site.config.vehicle_ttl_s * 1e6])
     rows = snapshot.rows[kept]
     site.vehicles.restore(rows, [snapshot.ids[i] for i in kept])
-    for name, table in _tables(site).items():
+    for name, table in vehicle_tables(site).items():
         table[rows] = snapshot.tables[name][kept]
     for column in ("leader_row", "candidate_row"):
         other = site.tables.pairing[column][rows]
         site.tables.pairing[column][rows] = np.where(in_use[other], other, NO_LEADER)
-    site.events.restore([event for event in snapshot.events if in_use[event.row]])
-    site.pair_events.restore([event for event in snapshot.pair_events if in_use[event.row]])
+    for log, events in ((site.events, snapshot.events), (site.pair_events, snapshot.pair_events)):
+        of = [event for event in events if in_use[event.row]]
+        log.restore([event if in_use[event.suspect] else event._replace(suspect=event.row) for event in of])
     site.misses.restore([miss for miss in snapshot.misses if in_use[miss.row]])
     site.reception.absent_until(now_us)
     return int(rows.size)
 
 
-def _copy(table: NDArray[Any], rows: I64) -> NDArray[Any]:
+def copied(table: NDArray[Any], rows: I64) -> NDArray[Any]:
     """Return a copy of the rows, byte by byte: numpy leaves the bytes between two fields undefined."""
     return table.view(np.uint8).reshape(table.size, -1)[rows].reshape(-1).view(table.dtype)
 
 
-def _tables(site: SiteState) -> dict[str, NDArray[Any]]:
+def vehicle_tables(site: SiteState) -> dict[str, NDArray[Any]]:
     """Return the tables that a snapshot holds, by name."""
     tables = site.tables
     return {

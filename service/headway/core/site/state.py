@@ -1,5 +1,7 @@
 """The state of one site: a row for each vehicle, the same number in every table, and the logs of open events."""
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from headway.core.events.event_log import EventLog
@@ -17,6 +19,8 @@ from headway.core.tracking.spatial_index import new_grid
 from headway.core.tracking.vehicle_table import VehicleTable
 from headway.core.types.batch import I64
 from headway.core.types.config import DetectorConfig
+from headway.core.types.identifiers import id_column
+from headway.core.types.step_result import AnomalyEvent
 
 BLOCK_ROWS = 16
 
@@ -56,6 +60,7 @@ class SiteState:
             filter_event_active=self.events.active,
             pair_event_active=self.pair_events.active,
             miss_event_active=self.misses.active,
+            owned=np.ones(capacity, np.bool_),
         )
         self.params = RoundParams(
             max_gap_s=config.max_gap_s,
@@ -72,6 +77,17 @@ class SiteState:
         """Return the rows in use of every `stride`-th block of rows, from block `phase`: a few vehicles share one."""
         rows: I64 = np.flatnonzero(self.vehicles.in_use)
         return rows if stride == 1 else rows[rows // BLOCK_ROWS % stride == phase]
+
+    def owned_rows(self, stride: int = 1, phase: int = 0) -> I64:
+        """Return those of the rows whose vehicles this engine publishes."""
+        rows = self.rows(stride, phase)
+        return rows[self.tables.owned[rows]]
+
+    def published(self, events: Iterable[AnomalyEvent]) -> list[AnomalyEvent]:
+        """Return the events of vehicles that this engine publishes."""
+        of = list(events)
+        rows = self.vehicles.rows(id_column([event.follower for event in of])) if of else ()
+        return [event for event, row in zip(of, rows, strict=True) if self.tables.owned[row]]
 
     def leaders(self, rows: I64) -> I64:
         """Return (n,) the row of each one's leader, NO_LEADER for none."""
@@ -91,3 +107,4 @@ class SiteState:
         for table in (self.tables.newest_verdicts, self.tables.estimates, self.tables.earlier_estimates):
             banks.wipe(table, rows)
         self.evidence.clear(rows)
+        self.tables.owned[rows] = True

@@ -117,7 +117,7 @@ def find_leaders(
     NO_LEADER. `now_us` is the time of the call on any clock. `out_changed` (n,) is whether the leader changed, or its
     place by more than the offset may move.
     """
-    if not 0 <= now_us - grid.built_us[0] < REBUILD_US:
+    if now_us // REBUILD_US != grid.built_us[0] // REBUILD_US:
         build(grid, tracks, range_m, now_us)
     nearby = np.empty(NEAREST, np.int64)
     apart_squared = np.empty(NEAREST)

@@ -15,7 +15,7 @@ NEAREST = 12
 """Most vehicles that one search returns."""
 
 REBUILD_US = 250_000
-"""Age at which the index is built again; until then, vehicles are extrapolated by their speed."""
+"""The index is built once in each interval of so long; until then, vehicles are extrapolated by their speed."""
 
 _SCAN_PER_CELL = 256  # of a cell with more entries, every n-th is examined
 _ONCOMING_COS = -0.5

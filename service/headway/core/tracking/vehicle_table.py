@@ -31,6 +31,11 @@ class VehicleTable:
         find(self._id_index, id_words(ids), rows)
         return rows
 
+    def row(self, vehicle: str) -> int | None:
+        """Return the row of one id; None where it has none."""
+        row = int(self.rows(id_column([vehicle]))[0])
+        return None if row < 0 else row
+
     def admit(self, ids: Iterable[str]) -> list[int]:
         """Assign a row to each new id, in this order, and return the rows; a full table leaves the last ids without."""
         assigned = []
