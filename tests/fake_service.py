@@ -100,6 +100,8 @@ class Traffic:
     anomalous: set[int] = field(default_factory=set)
     road_m: float = 9_000.0
     bearing_deg: float = 62.0
+    shift_m: float = 0.0
+    """How far north of the usual place the road is."""
 
     def states(self, elapsed_s: float, t_us: int) -> Iterator[PairState]:
         """Return the state of every vehicle."""
@@ -124,11 +126,12 @@ class Traffic:
                 leader=f"veh-{i + 3:04d}" if i + 3 < self.vehicles and i % 15 < 12 else None,
                 t_us=t_us,
                 standing=standing,
-                lat=42.28 + north_m / 111_195,
+                lat=42.28 + (north_m + self.shift_m) / 111_195,
                 lon=-83.74 + east_m / (111_195 * math.cos(math.radians(42.28))),
                 heading_deg=self.bearing_deg,
                 gap_m=28.0 + 6.0 * math.sin(i),
                 x_m=along_m,
+                offset_m=12.0 if i in self.anomalous else 0.2,
                 v_mps=v_mps,
                 nis=2.0,
                 statistic=60.0 if i in self.anomalous else 2.0 + math.sin(elapsed_s + i),

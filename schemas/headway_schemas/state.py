@@ -37,6 +37,8 @@ class PairState(Message):
     gap_m: Number = None
     x_m: Number = None
     """Location along the follower's own path, as the filter estimates."""
+    offset_m: Number = None
+    """Location of the newest reading less that estimate."""
     v_mps: Number = None
     nis: Number = None
     statistic: Number = None

@@ -96,8 +96,8 @@ class Browser:
 
 
 @contextmanager
-def chromium(profile: Path, *, width: int = 1440, height: int = 1180) -> Iterator[Browser]:
-    """Start a browser with a fresh profile, and end it."""
+def chromium(profile: Path, *more: str, width: int = 1440, height: int = 1180) -> Iterator[Browser]:
+    """Start a browser with a fresh profile and `more` flags, and end it."""
     program = shutil.which("chromium") or shutil.which("google-chrome")
     assert program, "needs Chromium (Debian: apt-get install chromium)"
     (to_read, commands), (answers, to_write) = os.pipe(), os.pipe()
@@ -105,7 +105,7 @@ def chromium(profile: Path, *, width: int = 1440, height: int = 1180) -> Iterato
     theirs = [fcntl.fcntl(end, fcntl.F_DUPFD_CLOEXEC, 10) for end in (to_read, to_write)]
     pid = os.posix_spawn(
         program,
-        [program, *FLAGS, f"--user-data-dir={profile}", "about:blank"],
+        [program, *FLAGS, *more, f"--user-data-dir={profile}", "about:blank"],
         os.environ,
         file_actions=[
             (os.POSIX_SPAWN_DUP2, theirs[0], 3),

@@ -33,7 +33,8 @@ def dashboard(endpoints: Sequence[str], sites: Sequence[str] = ("local",), *opti
     finally:
         process.terminate()
         _, complaints = process.communicate(timeout=20)
-    assert complaints == "", complaints
+    # A service that starts later than the dashboard is no complaint.
+    assert [line for line in complaints.splitlines() if "contact with" not in line and "connected to" not in line] == []
 
 
 @contextmanager

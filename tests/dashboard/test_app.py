@@ -1,3 +1,4 @@
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -12,6 +13,7 @@ from headway.dashboard.broadcast import Broadcaster
 from headway_schemas import Kind, Phase, Sensor
 from headway_schemas.event import Observation
 
+VENDOR = Path(app.__file__).parent / "static" / "vendor"
 JOURNAL = [
     *(event(n, t_us=START_US + n) for n in range(5)),
     event(7, kind=Kind.DRIFT, t_us=START_US + 7, site="north"),
@@ -139,3 +141,19 @@ def test_the_page_has_words_for_every_kind_and_sensor() -> None:
     assert set(re.findall(r"^  (\w+): \"", words.partition("ADVICE")[2], re.MULTILINE)) == set(Kind)
     assert set(re.findall(r"(\w+): \"", words.partition("LIMITS")[2].partition("}")[0])) == set(Observation)
     assert set(re.findall(r"(\w+):", words.partition("SENSORS = {")[2].partition("}")[0])) == set(Sensor)
+
+
+def test_each_file_has_its_hash_and_each_library_its_licence() -> None:
+    stated = dict(line.split()[::-1] for line in (VENDOR / "SHA256SUMS").read_text().splitlines())
+    found = {
+        str(file.relative_to(VENDOR)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in VENDOR.rglob("*.*")
+        if file.parent != VENDOR
+    } | {
+        str(file.relative_to(VENDOR)): hashlib.sha256(file.read_bytes()).hexdigest()
+        for file in VENDOR.glob("*/LICENSE")
+    }
+    assert found == stated
+    for library in (folder for folder in VENDOR.iterdir() if folder.is_dir()):
+        assert any("Copyright" in licence.read_text() for licence in library.glob("LICENSE*"))
+        assert library.name in (VENDOR / "README.md").read_text()

@@ -45,7 +45,7 @@ class StubEngine:
         n = rows.size
         columns = {
             name: np.full(n, 1.0)
-            for name in ("lat_deg", "lon_deg", "heading_deg", "x_m", "v_mps", "statistic", "gate", "nis")
+            for name in ("lat_deg", "lon_deg", "heading_deg", "x_m", "offset_m", "v_mps", "statistic", "gate", "nis")
         }
         return PairStates(
             followers=[f"car{row}" for row in rows],

@@ -28,7 +28,7 @@ SILENT_US: Final = 10_000_000
 
 PAIR_COLUMNS: Final = (
     "site", "follower", "leader", "standing", "t_us",
-    "lat", "lon", "heading_deg", "gap_m", "v_mps", "statistic", "gate",
+    "lat", "lon", "heading_deg", "gap_m", "offset_m", "v_mps", "statistic", "gate",
 )  # fmt: skip
 _HEALTH_SHOWN: Final = {
     "instance", "site", "t_us", "version", "model", "config_hash", "ready", "uptime_s", "vehicles", "pairs", "capacity",

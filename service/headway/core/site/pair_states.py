@@ -22,6 +22,7 @@ def pair_states(site: SiteState, stride: int, phase: int) -> PairStates:
         heading_deg=np.degrees(np.arctan2(track["heading_east"], track["heading_north"])) % 360.0,
         gap_m=gap_m,
         x_m=verdict["x_m"],
+        offset_m=track["x_m"] - verdict["x_m"],
         v_mps=verdict["v_mps"],
         statistic=verdict["statistic"],
         gate=verdict["gate"],

@@ -161,6 +161,8 @@ class PairStates:
     heading_deg: F64
     gap_m: F64
     x_m: F64
+    offset_m: F64
+    """Location of the newest reading less the estimate; NaN without one."""
     v_mps: F64
     statistic: F64
     gate: F64

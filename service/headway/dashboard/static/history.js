@@ -7,6 +7,7 @@ import { SENSORS, deviation, likelihood, place } from "./words.js";
 
 const PAGE = 100;
 const RETRY_MS = 5000;
+const NONE = "No event matches.";
 
 export class History {
   #store; #rows; #events = new Map(); #filter = {}; #before_us = null; #asked = 0;
@@ -42,7 +43,11 @@ export class History {
   }
 
   async #load(before_us) {
-    const asked = ++this.#asked;
+    const asked = ++this.#asked, { from_us, to_us } = this.#filter;
+    if (from_us && to_us && from_us >= to_us) {
+      setText($("history-note"), "This cannot be searched: From is not before To.");
+      return;
+    }
     const answer = await fetch(`/history?${this.#query(before_us)}`).catch(() => null);
     if (asked !== this.#asked) return;
     if (!answer?.ok) {
@@ -63,6 +68,7 @@ export class History {
   }
 
   #render() {
+    if (this.#events.size && $("history-note").textContent === NONE) setText($("history-note"), "");
     this.#rows.render(this.shown, (row, event) => {
       const [open, ...cells] = row.children;
       setText(open.firstChild, stamp(event.first_us));
@@ -81,6 +87,6 @@ export class History {
   #note({ answers, problems }) {
     if (problems.length) return problems.join("; ");
     if (answers === 0) return "No journal answered.";
-    return this.#events.size ? "" : "No event matches.";
+    return this.#events.size ? "" : NONE;
   }
 }

@@ -48,11 +48,23 @@ function chooseEvent(key) {
   render();
 }
 
+/** Opens or closes the map; where there is no WebGL the road stays as it is drawn. */
+async function toggleMap() {
+  $("map").disabled = true;
+  $("ground").hidden = false;
+  const ground = await road.toggleMap($("ground")).catch(() => null), wasOpen = $("map").getAttribute("aria-pressed") === "true";
+  $("ground").hidden = !ground;
+  $("map").setAttribute("aria-pressed", String(ground !== null));
+  setText($("attribution"), ground ? ground.attribution : wasOpen ? "" : "No WebGL in this browser: the road is drawn without a map.");
+  $("map").disabled = false;
+}
+
 /** Lists the events of a vehicle and shows its worst one; the same vehicle again lists all. */
 function chooseVehicle(key) {
   suspect = suspect === key ? "" : key;
   const vehicle = suspect && vehiclesOf(store, filter).find((known) => known.key === key);
   chooseEvent(vehicle ? vehicle.worst.key : null);
+  if (vehicle) road.centre(key);
 }
 
 function choosePair({ key, follower }) {
@@ -60,6 +72,7 @@ function choosePair({ key, follower }) {
     if (suspect !== key) chooseVehicle(key);
     return;
   }
+  road.centre(key);
   $("filter").elements.vehicle.value = follower;
   settled();
 }
@@ -97,6 +110,7 @@ function render() {
   renderLegend(tally);
   $("road-empty").hidden = pairs.length > 0;
   $("road").setAttribute("aria-label", `${pairs.length} vehicles, ${tally.anomalous ?? 0} anomalous, ${tally.silent ?? 0} silent`);
+  for (const button of $("road-sites").children) button.setAttribute("aria-pressed", String(button.dataset.site === $("road").dataset.site));
   const faulty = renderStatus(store, quietMs());
   if (store.connection) desktop.take(faulty);
   if (!wanted) writeAddress({ ...filter, car: suspect, event: evidence.chosen, from: isoOf("from"), to: isoOf("to") });
@@ -125,6 +139,12 @@ function sites() {
   if (select.options.length - 1 === store.sites.length) return;
   select.replaceChildren(el("option", { value: "" }, "all"), ...store.sites.map((site) => el("option", { value: site }, site)));
   select.value = filter.site;
+  $("road-sites").hidden = store.sites.length < 2;
+  $("road-sites").replaceChildren(...["", ...store.sites].map((site) => {
+    const button = el("button", { type: "button", class: "quiet", "data-site": site }, site || "all sites");
+    button.addEventListener("click", () => road.showSite(site));
+    return button;
+  }));
 }
 
 /** Shows what the filter lets through; the evidence of an event that it does not is closed. */
@@ -217,6 +237,7 @@ $("filter").addEventListener("reset", () => setTimeout(settled));
 $("filter").addEventListener("submit", (event) => { event.preventDefault(); settled(); });
 $("range").addEventListener("submit", (event) => { event.preventDefault(); settled(); });
 $("all").addEventListener("click", () => { suspect = ""; render(); });
+$("map").addEventListener("click", () => void toggleMap());
 $("fit").addEventListener("click", () => road.fit());
 $("link").addEventListener("click", () => void copyLink());
 saveBy("vehicles", VEHICLE_COLUMNS, () => shownVehicles.map(vehicleRow));

@@ -1,14 +1,18 @@
 // The road: every vehicle where it says it is, coloured by how its newest reading was judged.
 
-import { el, number, setText, svg } from "./dom.js";
+import { $, el, number, setText, svg } from "./dom.js";
 import { STANDINGS } from "./store.js";
-import { inFeet, withUnit } from "./units.js";
+import { Paths } from "./paths.js";
+import { FOOT_M, inFeet, withUnit } from "./units.js";
 import { Plane, View } from "./view.js";
 
 const EASE_S = 0.18;
 const COAST_S = 1.5;
 const LABELS_MOST = 24;
 const PICK_PX = 14;
+const APART_M = 5000;
+const CENTRED_SCALE = 2;
+const OFFSET_LEAST_M = 1;
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 
 export class Road {
@@ -20,6 +24,10 @@ export class Road {
   #fittedMs = 0;
   #pointer = null;
   #filter = {};
+  #paths = new Paths();
+  #ground = null;
+  #site = null;
+  #centred = null;
 
   /** `choose` is called with the vehicle that was clicked. */
   constructor(canvas, tip, store, choose) {
@@ -35,18 +43,51 @@ export class Road {
 
   recolour() {
     const style = getComputedStyle(document.documentElement);
-    for (const name of ["normal", "warming", "anomalous", "silent", "text", "dim", "line", "ground"]) {
+    for (const name of ["normal", "warming", "anomalous", "silent", "text", "dim", "line", "ground", "recovered", "map-driven"]) {
       this.#colours[name] = style.getPropertyValue(`--${name}`).trim();
     }
+    this.#ground?.recolour();
   }
 
   fit() {
     this.#following = true;
+    this.#centred = null;
     this.#fittedMs = 0;
   }
 
+  /** Keeps a vehicle in the middle, until the view is moved; without a place it stays as it is. */
+  centre(key) {
+    const pair = this.#store.pairs.get(key);
+    if (pair?.shown_e === undefined) return;
+    if (this.#site && this.#site !== pair.site) this.#site = pair.site;
+    this.#following = false;
+    this.#centred = pair;
+    this.#view.unfold();
+    this.#view.scale = Math.max(this.#view.scale, CENTRED_SCALE);
+  }
+
+  /** Shows one site, or all (empty); null leaves it to where the sites are. */
+  showSite(site) {
+    this.#site = site;
+    this.fit();
+  }
+
+  /** Opens the map in `node`, or closes it; returns whether it is open. */
+  async toggleMap(node) {
+    const ground = this.#ground;
+    this.#ground = null;
+    ground?.close();
+    if (!ground) {
+      const { Ground } = await import("./ground.js");
+      this.#ground = await Ground.open(node, this.#paths);
+    }
+    this.#canvas.dataset.map = String(this.#ground !== null);
+    this.#fittedMs = 0;
+    return this.#ground;
+  }
+
   filter(filter) {
-    if (filter.site !== this.#filter.site) this.fit();
+    if (filter.site !== this.#filter.site) this.showSite(filter.site || null);
     this.#filter = filter;
   }
 
@@ -60,11 +101,16 @@ export class Road {
       pair.placed_ms = nowMs;
       pair.shown_e ??= pair.east;
       pair.shown_n ??= pair.north;
+      pair.crumb = this.#paths.add(pair.site, pair.crumb, pair.east, pair.north);
     }
   }
 
+  /** The vehicles of the site that is shown; of sites far apart, one is. */
   #shown() {
-    return [...this.#store.pairs.values()].filter((pair) => pair.shown && pair.shown_e !== undefined);
+    const pairs = [...this.#store.pairs.values()].filter((pair) => pair.shown && pair.shown_e !== undefined);
+    this.#site ??= areApart(pairs) ? pairs[0].site : null;
+    $("road").dataset.site = this.#site ?? "";
+    return this.#site ? pairs.filter(({ site }) => site === this.#site) : pairs;
   }
 
   #frame(ms) {
@@ -74,9 +120,12 @@ export class Road {
     const pairs = this.#shown();
     for (const pair of pairs) move(pair, ms, elapsed_s);
     if (this.#following && ms - this.#fittedMs > 1000) {
-      this.#view.fit(pairs.map((pair) => [pair.shown_e, pair.shown_n]));
+      this.#view.fit(pairs.map((pair) => [pair.shown_e, pair.shown_n]), this.#ground === null);
       this.#fittedMs = ms;
     }
+    if (this.#centred) Object.assign(this.#view, { east: this.#centred.shown_e, north: this.#centred.shown_n });
+    this.#canvas.dataset.centred = this.#centred?.key ?? "";
+    if (this.#plane) this.#ground?.follow(this.#view, this.#plane, this.#site, ms);
     this.#draw(pairs);
     this.#point(pairs);
   }
@@ -91,6 +140,7 @@ export class Road {
       groups[pair.standing].push(pair);
     }
     this.#rows();
+    if (!this.#ground) this.#driven();
     this.#links(pairs.filter((pair) => pair.standing !== "anomalous"), colours.line, 1.5);
     this.#links(groups.anomalous, colours.anomalous, 2);
     const size = Math.min(Math.max(view.scale * 3, 3.5), 9);
@@ -106,6 +156,7 @@ export class Road {
     for (const pair of groups.anomalous) ring(pen, pair, size + 7);
     pen.strokeStyle = colours.anomalous;
     pen.stroke();
+    this.#estimates(groups.anomalous, size);
     this.#labels(pairs, groups.anomalous);
     this.#scaleBar();
     this.#compass();
@@ -120,6 +171,41 @@ export class Road {
       pen.moveTo(0, (row * height) / rows);
       pen.lineTo(width, (row * height) / rows);
     }
+    pen.stroke();
+  }
+
+  /** The road as vehicles drove it. */
+  #driven() {
+    const pen = this.#pen, view = this.#view;
+    pen.beginPath();
+    for (const [, e0, n0, e1, n1] of this.#paths.of(this.#site)) {
+      const [x0, y0, row0] = view.at(e0, n0), [x1, y1, row1] = view.at(e1, n1);
+      if (row0 !== row1) continue;
+      pen.moveTo(x0, y0);
+      pen.lineTo(x1, y1);
+    }
+    pen.strokeStyle = this.#colours["map-driven"];
+    pen.lineWidth = Math.min(Math.max(view.scale * 3.5, 2), 24);
+    pen.lineCap = "round";
+    pen.stroke();
+  }
+
+  /** Where anomalous vehicles are by the estimate, if that is elsewhere than they say. */
+  #estimates(anomalous, size) {
+    const pen = this.#pen, view = this.#view;
+    pen.beginPath();
+    for (const pair of anomalous) {
+      if (Math.abs(pair.offset_m ?? 0) < OFFSET_LEAST_M || pair.heading_deg === null) continue;
+      const heading = (pair.heading_deg * Math.PI) / 180;
+      const [px, py, row] = view.at(pair.shown_e - pair.offset_m * Math.sin(heading), pair.shown_n - pair.offset_m * Math.cos(heading));
+      if (row === pair.row) {
+        pen.moveTo(pair.px, pair.py);
+        pen.lineTo(px, py);
+      }
+      arrow(pen, { ...pair, px, py }, view.angle, size + 1);
+    }
+    pen.strokeStyle = this.#colours.recovered;
+    pen.lineWidth = 1.5;
     pen.stroke();
   }
 
@@ -158,7 +244,7 @@ export class Road {
 
   #scaleBar() {
     const pen = this.#pen, view = this.#view;
-    const metres = niceBelow(110 / view.scale), length = metres * view.scale, y = view.height - 14;
+    const unit_m = inFeet() ? FOOT_M : 1, span = niceBelow(110 / view.scale / unit_m), length = span * unit_m * view.scale, y = view.height - 14;
     pen.strokeStyle = pen.fillStyle = this.#colours.dim;
     pen.lineWidth = 1;
     pen.beginPath();
@@ -168,7 +254,7 @@ export class Road {
     pen.lineTo(14 + length, y - 4);
     pen.stroke();
     pen.textAlign = "left";
-    pen.fillText(metres >= 1000 ? `${metres / 1000} km` : `${metres} m`, 18, y - 5);
+    pen.fillText(inFeet() ? `${span} ft` : span >= 1000 ? `${span / 1000} km` : `${span} m`, 18, y - 5);
   }
 
   #compass() {
@@ -198,13 +284,14 @@ export class Road {
     this.#canvas.height = height * devicePixelRatio;
     this.#pen.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
     Object.assign(this.#view, { width, height });
+    this.#ground?.resize();
     this.#fittedMs = 0;
   }
 
   #listen(choose) {
     const canvas = this.#canvas;
     let pressed = null;
-    const free = (act) => { this.#following = false; act(); };
+    const free = (act) => { this.#following = false; this.#centred = null; act(); };
     canvas.addEventListener("pointerdown", (event) => {
       pressed = { x: event.offsetX, y: event.offsetY };
       canvas.setPointerCapture(event.pointerId);
@@ -248,6 +335,8 @@ export function legend(list) {
     shape.setAttribute(hollow ? "fill" : "stroke", "none");
     list.append(el("li", {}, svg("svg", { viewBox: "0 0 12 12", "aria-hidden": "true" }, shape), `${standing} `, counts[standing]));
   }
+  const arrow = svg("path", { d: "M6 1l4 10-4-2.5-4 2.5z", stroke: "var(--recovered)", fill: "none" });
+  list.append(el("li", {}, svg("svg", { viewBox: "0 0 12 12", "aria-hidden": "true" }, arrow), "estimate of an anomalous one"));
   return (tally) => STANDINGS.forEach((standing) => setText(counts[standing], String(tally[standing] ?? 0)));
 }
 
@@ -260,6 +349,12 @@ function move(pair, ms, elapsed_s) {
   const share = still.matches ? 1 : 1 - Math.exp(-elapsed_s / EASE_S);
   pair.shown_e += (east - pair.shown_e) * share;
   pair.shown_n += (north - pair.shown_n) * share;
+}
+
+/** Whether the sites of vehicles lie further from each other than a picture shows. */
+function areApart(pairs) {
+  const first = pairs.find(Boolean);
+  return pairs.some(({ site, shown_e, shown_n }) => site !== first.site && Math.hypot(shown_e - first.shown_e, shown_n - first.shown_n) > APART_M);
 }
 
 function arrow(pen, pair, angle, size) {
@@ -287,9 +382,10 @@ function nearest(pairs, { x, y }) {
 }
 
 function describe(pair) {
+  const off = Math.abs(pair.offset_m ?? 0) < OFFSET_LEAST_M ? "" : `\n${withUnit("length", Math.abs(pair.offset_m), number)} ${pair.offset_m > 0 ? "ahead of" : "behind"} the estimate`;
   const behind = pair.leader ? `\n${withUnit("length", pair.gap_m, number)} behind ${pair.leader}` : "\nfree road";
   return `${pair.follower}  ${pair.standing}\n${withUnit("speed", pair.v_mps, number)}${behind}\n` +
-    `statistic ${number(pair.statistic)} of ${number(pair.gate)}`;
+    `statistic ${number(pair.statistic)} of ${number(pair.gate)}${off}`;
 }
 
 export function niceBelow(value) {

@@ -1,6 +1,7 @@
 // Lengths and speeds in the units that the person chose: metres and metres per second, or feet and miles per hour.
 
-const FOOT_M = 0.3048, MILE_M = 1609.344;
+export const FOOT_M = 0.3048;
+const MILE_M = 1609.344;
 const METRIC = { length: [1, "m"], speed: [1, "m/s"] };
 const IMPERIAL = { length: [1 / FOOT_M, "ft"], speed: [3600 / MILE_M, "mph"] };
 

@@ -54,7 +54,7 @@ export class View {
   }
 
   /** Shows the points, less the few far out: one wrong position does not shrink the road. */
-  fit(points) {
+  fit(points, mayFold = true) {
     if (points.length === 0) return;
     this.#turn(roadAngle(points));
     const [a0, a1] = extent(points.map(([e, n]) => e * this.cos + n * this.sin));
@@ -66,7 +66,7 @@ export class View {
     const scale = (rows) => Math.min((this.width - 2 * MARGIN_PX) / (length / rows),
       (this.height / rows - (rows > 1 ? 24 : 2 * MARGIN_PX)) / breadth);
     this.rows = 1;
-    const most = this.angle === 0 ? 1 : Math.floor(this.height / ROW_LEAST_PX);
+    const most = this.angle === 0 || !mayFold ? 1 : Math.floor(this.height / ROW_LEAST_PX);
     for (let rows = 2; rows <= most; rows++) if (scale(rows) > scale(this.rows) * 1.05) this.rows = rows;
     this.scale = scale(this.rows);
     this.rowLength = length / this.rows;

@@ -140,6 +140,7 @@ _STATE_NUMBERS: Final = {
     "heading_deg": "heading_deg",
     "gap_m": "gap_m",
     "x_m": "x_m",
+    "offset_m": "offset_m",
     "v_mps": "v_mps",
     "nis": "nis",
     "statistic": "statistic",
