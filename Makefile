@@ -6,7 +6,7 @@ FUZZ_RECORDS ?= inf
 FUZZ_INPUTS ?= inf
 FUZZ_TARGET ?= json
 
-.PHONY: help venv demo test check check-deploy docs bench soak faults fuzz fuzz-coverage sbom performance browser wheel format clean
+.PHONY: help venv demo test check check-deploy docs bench soak faults fuzz fuzz-coverage sbom performance browser image unit wheels wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -72,6 +72,15 @@ performance: venv  ## load tests from few to many vehicles, and their picture in
 browser: venv  ## the dashboard in a real browser (Debian: apt-get install chromium)
 	@command -v chromium google-chrome >/dev/null || { echo 'make browser needs Chromium: apt-get install chromium'; exit 1; }
 	$(BIN)/python -m pytest tests/browser -m browser
+
+image: venv  ## the image built, started read-only, fed, stopped (Debian: apt-get install podman runc debootstrap)
+	$(BIN)/python -m pytest -rs --capture=no tests/engine/test_image.py -m engine
+
+unit: venv  ## the systemd unit in a Debian that boots (as make image, and apt-get install systemd-container)
+	$(BIN)/python -m pytest -rs --capture=no tests/engine/test_unit.py -m engine
+
+wheels: venv  ## a wheel of each package that serving needs, for x86_64 and for aarch64 (needs the package index)
+	$(BIN)/python -m pytest -rs tests/engine/test_wheels.py -m engine
 
 wheel: venv  ## the built wheel in an empty environment: the demo and the library from there
 	rm -rf dist build/wheel

@@ -1,12 +1,13 @@
 """Percentiles from intended send times: of our own measurements, and of the service's histograms."""
 
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
-from hdrh.histogram import HdrHistogram
-
 QUANTILES = {"p50": 50.0, "p99": 99.0, "p999": 99.9}
 US_MAX = 600_000_000
+_BITS = 11
+"""Three digits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,20 +25,31 @@ class Percentiles:
         return {name: round(value, 3) for name, value in asdict(self).items() if name != "count"}
 
 
+class Histogram:
+    """Counts of microseconds to three digits: each value is rounded up in its leading bits."""
+
+    def __init__(self) -> None:
+        self.counts: Counter[float] = Counter()
+        """By upper edge."""
+
+    def add(self, value_us: int, times: int = 1) -> None:
+        """Count one value several times."""
+        value_us = min(max(value_us, 1), US_MAX)
+        rest = (1 << max(0, value_us.bit_length() - _BITS)) - 1
+        self.counts[value_us | rest] += times
+
+
 def measure(latencies_us: Iterable[float]) -> Percentiles | None:
     """Percentiles of single measurements, to three digits; None where there are none."""
-    histogram = HdrHistogram(1, US_MAX, 3)
+    histogram = Histogram()
     for value in latencies_us:
-        histogram.record_value(min(max(round(value), 1), US_MAX))
+        histogram.add(round(value))
     return of_histogram(histogram)
 
 
-def of_histogram(histogram: HdrHistogram) -> Percentiles | None:
-    """Percentiles of a histogram of microseconds; None where it is empty."""
-    if not histogram.get_total_count():
-        return None
-    p50, p99, p999 = (histogram.get_value_at_percentile(q) / 1e3 for q in QUANTILES.values())
-    return Percentiles(p50, p99, p999, histogram.get_max_value() / 1e3, histogram.get_total_count())
+def of_histogram(histogram: Histogram) -> Percentiles | None:
+    """Percentiles of a histogram; None where it is empty."""
+    return of_buckets({}, histogram.counts)
 
 
 def of_buckets(before: Mapping[float, int], after: Mapping[float, int]) -> Percentiles | None:

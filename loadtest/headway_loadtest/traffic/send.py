@@ -13,14 +13,13 @@ from typing import Protocol
 
 import numpy as np
 import zenoh
-from hdrh.histogram import HdrHistogram
 
 from headway_loadtest.clock import Clock
+from headway_loadtest.measure.percentiles import Histogram
 from headway_loadtest.sources.drive import I64
 from headway_loadtest.traffic.encode import Batch
 from headway_schemas.encodings import BSM_MSGPACK
 
-LATE_US_MAX = 600_000_000
 STALL_S = 0.1
 PUT_FAILED, DISCONNECTED = "put_failed", "disconnected"
 
@@ -33,18 +32,13 @@ class Put(Protocol):
         ...
 
 
-def lateness() -> HdrHistogram:
-    """Make an empty histogram of microseconds, up to ten minutes, to three digits."""
-    return HdrHistogram(1, LATE_US_MAX, 3)
-
-
 @dataclass(slots=True)
 class Sent:
     """What was due so far. `records` counts messages, in bundles or not; `lost` those of them that were not put."""
 
     records: int = 0
     lost: Counter[str] = field(default_factory=Counter)
-    late_us: HdrHistogram = field(default_factory=lateness)
+    late_us: Histogram = field(default_factory=Histogram)
     """By record, from the intended send time until the put had returned; since the warm-up."""
     stalled_s: float = 0.0
     """Time in batches that took longer than 0.1 s to put."""
@@ -105,7 +99,7 @@ def send(
         ended_ns = clock.monotonic_ns()
         sent.records += len(batch.rows)
         if batch.due_ns >= warm_ns:
-            sent.late_us.record_value(min((ended_ns - batch.due_ns) // 1000, LATE_US_MAX), len(batch.rows))
+            sent.late_us.add((ended_ns - batch.due_ns) // 1000, len(batch.rows))
         if ended_ns - began_ns > STALL_S * 1e9:
             sent.stalled_s += (ended_ns - began_ns) / 1e9
         sent.note_rows(batch.rows, batch.last_event_us)

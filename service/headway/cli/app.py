@@ -27,6 +27,7 @@ EXTRAS: Final = {
     "matplotlib": "plots",
     "paho": "mqtt",
     "polars": "recordings",
+    "scipy": "recordings",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
     "zstandard": "recordings",

@@ -64,7 +64,8 @@ def test_a_stall_cannot_hide_latency():
     assert bus.at_ns[101] == 600 * MS
     assert late.max == pytest.approx(500.0, rel=1e-2)
     # What was due during the stall, half of the run, is late by what was left of it.
-    assert result.late_us.get_value_at_percentile(75) == pytest.approx(250_000, rel=0.02)
+    later = sum(count for edge_us, count in result.late_us.counts.items() if edge_us > 250_000)
+    assert later == pytest.approx(250, rel=0.02)
     assert late.p99 > 450.0
     assert result.stalled_s == pytest.approx(0.5)
 

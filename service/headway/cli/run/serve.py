@@ -27,6 +27,7 @@ from headway.edge.telemetry.http_server import HttpServer
 from headway.edge.telemetry.latency import Latencies
 from headway.edge.telemetry.metrics import CONTENT_TYPE, Metrics
 from headway.edge.telemetry.reporter import ReportConfig, Reporter
+from headway.edge.telemetry.service_manager import ServiceManager
 from headway.edge.transport.ports import Channel
 from headway.edge.transport.receive_queue import ReceiveQueue
 from headway.edge.transport.zenoh_bus import ZenohBus
@@ -99,6 +100,12 @@ def serve(loaded: Loaded) -> None:
         alarm_budget_per_hour=settings.alarm_budget_per_hour,
         persistence=persistence,
     )
+    manager = ServiceManager(clock, os.environ)
+
+    def stopping() -> bool:
+        manager.alive()
+        return stop.is_set()
+
     loop = ServiceLoop(_loop_config(settings), context, Reporter(_report_config(settings), context))
     metrics = Metrics(context)
     with _http(settings, metrics, health) as http:
@@ -118,7 +125,9 @@ def serve(loaded: Loaded) -> None:
             if bus.open(lambda seconds: not stop.wait(seconds)):
                 loop.resume(resumed)
                 _log.info("ready", connect=settings.connect, listen=settings.listen)
-                loop.run(stop.is_set)
+                manager.ready()
+                loop.run(stopping)
+                manager.stopping()
                 left = loop.drain(settings.stop_timeout_s)
                 _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected,
                     sequence_gap_messages=ledger.sequence_gap_messages, left=left)  # fmt: skip
