@@ -78,3 +78,18 @@ def test_a_standing_vehicle_keeps_what_was_known_of_its_speed() -> None:
     assert np.sqrt(bank[0]["noise"]["r"]) == pytest.approx([0.01, 0.02], rel=0.01)
     assert bank[0]["noise"]["jerk_density"] >= 0.1
     assert bank[0]["noise"]["adapted_readings"] == 0.0
+
+
+@pytest.mark.parametrize("jitter_s", [0.01, 0.03])
+def test_noise_that_a_mode_of_noise_explains_is_still_learnt(jitter_s: float) -> None:
+    """From the first message on: each large innovation is doubtful, and only small ones would be left."""
+    h, n, v = 0.1, 400, 17.0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        read = readings(n)
+        read["t_s"] = h * np.arange(n)
+        read["x_m"] = v * (read["t_s"] + rng.normal(0.0, jitter_s, n)) + rng.normal(0.0, 0.01, n)
+        read["v_mps"] = v + rng.normal(0.0, 0.01, n)
+        bank = np.zeros(1, headway_dtype(CONFIG.delay_s))
+        drive(bank[0], read, P, verdicts(n))
+        assert np.sqrt(position_variance(bank[0]["noise"], v)) == pytest.approx(v * jitter_s, rel=0.5)

@@ -7,6 +7,7 @@ from numba import njit
 from headway.core.estimation.imm.speed_calibration import (
     CALIBRATION,
     CalibrationParams,
+    add_speed_excess,
     calibration_variance,
     initialise_calibration,
     observe_dead_zone,
@@ -148,3 +149,27 @@ def test_old_positions_are_known_after_the_first_brake(latency_s: float) -> None
     drive(bank[0], read, P, out)
     assert not out["anomalous"].any()
     assert bank[0]["calibration"]["latency_s"] == pytest.approx(latency_s, abs=0.05)
+
+
+@pytest.mark.parametrize(("a_mps2", "latency_share"), [(0.0, 0.0), (-3.0, 0.9)])
+def test_what_a_drift_showed_is_a_latency_where_the_vehicle_brakes(a_mps2: float, latency_share: float) -> None:
+    row, p = np.zeros(1, CALIBRATION)[0], CalibrationParams()
+    initialise_calibration(row, p)
+    add_speed_excess(row, 0.5, 10.0, a_mps2, p)
+    assert row["bias_mps"] + row["latency_s"] * a_mps2 + 10.0 * row["scale"] == pytest.approx(0.5)
+    assert row["latency_s"] * a_mps2 == pytest.approx(0.5 * latency_share, abs=0.05)
+
+
+def test_a_receiver_of_one_hertz_that_stops_has_no_fault() -> None:
+    """Its last position before the stop is repeated, while the vehicle rolls on for the rest of the second."""
+    rng, h = np.random.default_rng(7), 0.1
+    for start_s in 20.0 + h * np.arange(10):
+        t = h * np.arange(400)
+        v = 7.5 * (1.0 + np.cos(np.pi * np.clip((t - start_s) / 8.0, 0.0, 1.0)))
+        x = (h * (np.cumsum(v) - 0.5 * v) + rng.normal(0.0, 0.01, t.size))[np.arange(t.size) // 10 * 10]
+        read = readings(t.size)
+        read["t_s"], read["x_m"], read["east_m"] = t, x, np.diff(x, prepend=0.0)
+        read["v_mps"] = np.maximum(v + rng.normal(0.0, 0.01, t.size), 0.0)
+        bank, out = np.zeros(1, headway_dtype(CONFIG.delay_s)), verdicts(t.size)
+        drive(bank[0], read, P, out)
+        assert not out["anomalous"].any()

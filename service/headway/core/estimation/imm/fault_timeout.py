@@ -18,9 +18,9 @@ from headway.core.estimation.imm.modes import (
     sensor_fault_probability,
 )
 from headway.core.estimation.imm.noise_adaptation import clip
-from headway.core.estimation.imm.speed_calibration import add_speed_bias
+from headway.core.estimation.imm.speed_calibration import add_speed_excess
 from headway.core.estimation.imm.state import reset_to_measurement
-from headway.core.estimation.kinematics import SLOPE, Z_POSITION, Z_SPEED
+from headway.core.estimation.kinematics import AX, SLOPE, VX, Z_POSITION, Z_SPEED
 
 NOISE_INFLATION = 16.0
 """Factor on a variance that was too small: four times the standard deviation. Tuned with the time-out (ADR 0005)."""
@@ -35,7 +35,7 @@ ADAPTED_READINGS_KEPT = 20.0
 
 
 @njit(cache=True, error_model="numpy")
-def inflate_noise(row: Any, sensor: int, p: Any) -> None:
+def inflate_noise(row: Any, sensor: int, mean: Any, p: Any) -> None:
     """Correct the noise that causes repeated faults of `sensor`: its variance, the speed bias or the random walk."""
     mu = row.mode_probability
     if mu[NOISE[sensor]] + mu[NOISE_BESIDE_OFFSET[sensor]] + mu[BOTH_NOISE] > 0.5:
@@ -45,7 +45,7 @@ def inflate_noise(row: Any, sensor: int, p: Any) -> None:
         if mu[DRIFT[sensor]] > mu[BIAS[sensor]]:
             slope_mps = row.single[SLOPE, DRIFT[sensor]]
             slope_mps = clip(slope_mps, -SPEED_BIAS_STEP_MAX_MPS, SPEED_BIAS_STEP_MAX_MPS)
-            add_speed_bias(row.calibration, slope_mps, p.calibration)
+            add_speed_excess(row.calibration, slope_mps, mean[VX], mean[AX], p.calibration)
         else:
             inflated = NOISE_INFLATION * row.noise.random_walk_density
             row.noise.random_walk_density = clip(inflated, INFLATED_RANDOM_WALK_MIN, p.noise.random_walk_max)
@@ -69,6 +69,6 @@ def fault_timeout(row: Any, mean: Any, reading: Any, r: Any, dt_s: float, p: Any
             row.fault_time_s[sensor] = 0.0
             if repeated:
                 row.noise.adapted_readings = min(row.noise.adapted_readings, ADAPTED_READINGS_KEPT)
-                inflate_noise(row, sensor, p)
+                inflate_noise(row, sensor, mean, p)
     reset_to_measurement(row, position, speed, mean, reading, r, p.modes)
     return True

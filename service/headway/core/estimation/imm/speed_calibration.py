@@ -61,7 +61,7 @@ class CalibrationParams(NamedTuple):
     scale_std: float = 0.005
     """Wheel speeds are 1 to 3 % off, positions 0.1 to 0.5 s older than speeds. A scale that is larger shows as a bias
     first (ADR 0011)."""
-    bias_walk_mps: float = 1e-4
+    bias_walk_mps: float = 3e-5
     latency_walk_s: float = 5e-5
     scale_walk: float = 3e-6
     bias_max_mps: float = 2.0
@@ -174,9 +174,13 @@ def displacement(calibration: Any) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def add_speed_bias(calibration: Any, excess_mps: float, p: CalibrationParams) -> None:
-    """Take positions to run ahead of the speed by `excess_mps` more."""
-    calibration.bias_mps = clip(calibration.bias_mps + excess_mps, -p.bias_max_mps, p.bias_max_mps)
+def add_speed_excess(calibration: Any, excess_mps: float, v_mps: float, a_mps2: float, p: CalibrationParams) -> None:
+    """Take positions to run ahead of the speed by `excess_mps` more: each of the three by its share of the variance."""
+    bias, latency, scale = p.bias_std_mps**2, p.latency_std_s**2 * a_mps2, p.scale_std**2 * v_mps
+    weighted = excess_mps / (bias + latency * a_mps2 + scale * v_mps)
+    calibration.bias_mps = clip(calibration.bias_mps + weighted * bias, -p.bias_max_mps, p.bias_max_mps)
+    calibration.latency_s = clip(calibration.latency_s + weighted * latency, -p.latency_max_s, p.latency_max_s)
+    calibration.scale = clip(calibration.scale + weighted * scale, -p.scale_max, p.scale_max)
 
 
 @njit(cache=True, error_model="numpy")

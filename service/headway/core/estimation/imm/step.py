@@ -46,6 +46,7 @@ from headway.core.estimation.imm.noise_adaptation import (
 )
 from headway.core.estimation.imm.speed_calibration import (
     CALIBRATION,
+    LATENCY,
     CalibrationParams,
     calibration_variance,
     correct_change,
@@ -87,7 +88,12 @@ SLOW_SHARE = 0.3
 ADAPT_ABOVE = 0.5
 """Probability of HEALTHY above which a reading adapts the noise."""
 ADAPT_ABOVE_EARLY = 0.3
-"""The same until the noise has settled: a variance that starts too small makes healthy readings doubtful (ADR 0006)."""
+"""The same until the noise has settled: a variance that starts too small makes healthy readings doubtful (ADR 0006).
+A doubtful reading that raises no alarm adapts the noise as well. Else a mode of noise would take each large innovation,
+and the noise would stay too small (ADR 0011)."""
+HARD_CHANGE_MPS = 1.5
+"""Change of speed since the positions that still count, from which an error of the latency looks like a fault. Then
+readings that raise no alarm teach the calibration too (ADR 0011)."""
 
 
 def headway_dtype(delay_s: float) -> np.dtype[np.void]:
@@ -246,7 +252,8 @@ def repeats_position(row: Any, z: Any) -> bool:
     """Whether the receiver has had no new fix since its last one; call it once for each READING."""
     unchanged = row.count > 0 and z.east_m == 0.0 and z.north_m == 0.0
     row.position_unchanged_s = row.position_unchanged_s + z.t_s - row.last_t_s if unchanged else 0.0
-    unchanged = unchanged and z.v_mps * row.position_unchanged_s > UNCHANGED_M
+    slow = row.calibration.repeat_share > SLOW_SHARE
+    unchanged = unchanged and (slow or z.v_mps * row.position_unchanged_s > UNCHANGED_M)
     row.last_t_s = z.t_s
     if z.v_mps > STANDING_MPS:
         row.calibration.repeat_share += REPEAT_GAIN * ((1.0 if unchanged else 0.0) - row.calibration.repeat_share)
@@ -312,7 +319,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         # A time stamp that moves the position by its error times v, moves the speed by its error times a.
         r[Z_SPEED] += row.a_mps2**2 * position_variance(noise, v_mps) / max(v_mps, TIMED_MPS) ** 2
         verdict.repaired = update(row, dt_s, reading, r, motion, verdict.implausible, p.modes, imm)
-        change_mps = mu[HEALTHY] * (row.single[VX, HEALTHY] - v_mps - row.a_mps2 * dt_s)
+        change_mps = row.single[VX, HEALTHY] - v_mps - row.a_mps2 * dt_s
         kept = r[Z_POSITION] / cov[0] if measured else 1.0
     row.count += 1
     verdict.warming = row.count <= p.warming_readings
@@ -322,9 +329,13 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
     settled = settled_readings(noise) > p.settled_readings
     if not verdict.warming and settled:
         learn(row.tail, recent_log_odds, verdict.anomalous, dt_s, p.budget)
-    if dt_s > 0.0 and mu[HEALTHY] > (ADAPT_ABOVE if settled else ADAPT_ABOVE_EARLY):
+    healthy = dt_s > 0.0 and mu[HEALTHY] > (ADAPT_ABOVE if settled else ADAPT_ABOVE_EARLY)
+    unproven = dt_s > 0.0 and verdict.implausible == 0 and verdict.statistic < verdict.gate
+    if healthy or unproven:
         adapt_noise(noise, r, z.v_mps, nu, cov, motion, row.manoeuvring, measured, changed, p.noise)
+    if healthy:
         observe_dead_zone(calibration, z.v_mps, p.calibration)
+    if healthy or (unproven and abs(calibration.sensitivity[LATENCY]) > HARD_CHANGE_MPS):
         if measured:
             settling = 1.0 + p.calibration_margin * (step_size(noise, p.noise) - p.noise.step_min)
             variance = settling * (cov[0] - uncertain)
