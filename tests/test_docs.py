@@ -2,15 +2,19 @@
 
 import re
 import shlex
+import sqlite3
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import click
 import pytest
 import typer
 
+from headway import Detector, sample_recording
 from headway.cli.app import app
+from headway.edge.storage.journal import EventUpdate, Journal
 
 DOCS = Path(__file__).parents[1] / "docs"
 TUTORIAL = (DOCS / "start" / "tutorial.md").read_text()
@@ -72,3 +76,43 @@ def test_the_tutorial_finds_the_fault_of_its_own_recording(tmp_path: Path) -> No
 def test_the_python_of_the_guide_to_models_runs(tmp_path: Path) -> None:
     (code,) = blocks(MOTION_MODEL, "python")
     assert [line.split()[0] for line in run("-c", code, folder=tmp_path).splitlines()] == ["ekf", "headway"]
+
+
+def test_the_guide_to_certificates_makes_a_bus_that_is_of_one_authority(tmp_path: Path) -> None:
+    (tmp_path / "deploy").symlink_to(DOCS.parent / "deploy")
+    steps = [
+        block for block in blocks((DOCS / "howto" / "certificates.md").read_text()) if "headway dashboard" not in block
+    ]
+    done = subprocess.run(
+        ["bash", "-euc", "\n".join(steps)], cwd=tmp_path, capture_output=True, text=True, check=False, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count(": OK") == 5
+    assert "notAfter=" in done.stdout
+    assert '"cert_common_names":' in (tmp_path / "router.json5").read_text().replace(
+        "cert_common_names:", '"cert_common_names":'
+    )
+
+
+def test_the_guide_to_export_reads_a_journal(tmp_path: Path) -> None:
+    path = tmp_path / "journal.sqlite"
+    found = Detector().process(sample_recording()).events
+    now_us = time.time_ns() // 1000
+    journal = Journal(path, site="local", instance="a", days=30.0, megabytes=100.0)
+    dated = [event.model_copy(update={"detected_us": now_us}) for event in found]
+    journal.write([EventUpdate(event, "", event.model_dump_json().encode()) for event in dated])
+    page = (DOCS / "howto" / "export.md").read_text()
+    to_files, in_sql = blocks(page)
+    for line in to_files.splitlines():
+        run("-m", *shlex.split(line), "--journal", str(path), folder=tmp_path)
+    with sqlite3.connect(path) as db:
+        (stored,) = db.execute("SELECT count(*) FROM updates").fetchone()
+    assert len((tmp_path / "alerts.jsonl").read_text().splitlines()) == stored
+    assert len((tmp_path / "alerts.csv").read_text().splitlines()) == 1 + stored
+    assert (tmp_path / "alerts.parquet").exists()
+    for line in in_sql.splitlines():
+        with sqlite3.connect(path) as db:
+            assert db.execute(shlex.split(line)[-1]).fetchall()
+    (code,) = blocks(page, "python")
+    first = run("-c", code, folder=tmp_path).splitlines()[0]
+    assert re.fullmatch(r"\S+ \d+ \['t_s', 'x_m', \S+\]", first)

@@ -23,7 +23,8 @@ def test_a_rule_asks_for_what_exists(rule: dict) -> None:
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule["alert"])
 def test_a_rule_says_how_bad_and_where_to_read_on(rule: dict) -> None:
     assert rule["labels"]["severity"] in {"critical", "warning", "info"}
-    assert rule["annotations"]["runbook"] == f"docs/OPERATIONS.md#{rule['alert'].lower()}"
+    page = "https://headway.example/OPERATIONS.html"
+    assert rule["annotations"]["runbook_url"] == f"{page}#{rule['alert'].lower()}"
 
 
 def test_every_rule_is_shown_to_fire_and_to_hold_back() -> None:

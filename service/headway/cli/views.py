@@ -20,12 +20,14 @@ def watch(
     zenoh_config: ZenohConfig = None,
     as_json: Annotated[bool, typer.Option("--json", help="JSON objects, one a line.")] = False,
 ) -> None:
-    """Show alerts, pairs and health in the terminal; plain lines where there is none.
+    """Show faulty vehicles, pairs and health in the terminal; plain lines where there is none.
+
+    Keys: s sorts, v switches between vehicles and alerts, j and k scroll, q quits.
 
     Example: headway watch --connect tcp/10.0.0.1:7447 --site crossing
     """
     from headway.cli.run.bus import bus_access
-    from headway.dashboard import watch as view
+    from headway.dashboard.terminal import watch as view
 
     bus = bus_access(config, connect, zenoh_config)
     view.watch(

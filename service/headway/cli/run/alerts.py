@@ -17,7 +17,7 @@ from rich.console import Console
 
 from headway import client
 from headway.cli.run.bus import BusAccess
-from headway.dashboard.fitted_table import FittedTable
+from headway.dashboard.terminal.fitted_table import FittedTable
 from headway.edge.storage import handling_store, journal_query
 from headway.edge.storage.journal_format import reason_of
 from headway.edge.storage.persistence import JOURNAL_FILE

@@ -1,14 +1,22 @@
 import io
 import json
+import os
+import pty
+import termios
 import threading
+import time
 
 import pytest
-from fake_service import START_US, FakeFeed, Traffic, event, health
+from fake_service import START_US, FakeFeed, Traffic, as_stored, event, health
 from rich.console import Console
 
 from headway.client import Connection
-from headway.dashboard.watch import Watcher, json_lines, plain_lines, screen, watch
-from headway_schemas import Event, Phase
+from headway.dashboard.terminal.keyboard import keyboard
+from headway.dashboard.terminal.tables import Choice, screen
+from headway.dashboard.terminal.watch import Watcher, json_lines, plain_lines, watch
+from headway_schemas import Event, Phase, Sensor
+from headway_schemas.event import Deviation
+from headway_schemas.handling import Action, HandlingRequest
 
 
 def watcher(feed: FakeFeed, since_us: int = 0) -> Watcher:
@@ -76,9 +84,9 @@ def test_updates_that_were_not_received_are_asked_for() -> None:
     assert len(feed.queries) == 2
 
 
-def shown(watching: Watcher, height: int, width: int = 140) -> str:
+def shown(watching: Watcher, height: int, width: int = 140, choice: Choice | None = None) -> str:
     console = Console(file=io.StringIO(), width=width, height=height, record=True)
-    console.print(screen(watching.view_state, watching.feed.connection, watching.revision, height))
+    console.print(screen(watching.view_state, watching.feed.connection, watching.revision, height, "", choice))
     return console.export_text()
 
 
@@ -91,7 +99,7 @@ def test_a_narrow_screen_leaves_out_columns_and_cuts_no_cell(width: int) -> None
     text = shown(watching, 40, width)
     assert "…" not in text
     assert "veh-0001" in text
-    assert text.count("gate") == {60: 0, 80: 2, 160: 2}[width]
+    assert text.count("gate") == {60: 0, 80: 1, 160: 1}[width]
 
 
 def test_the_screen_puts_what_is_urgent_first_and_fits() -> None:
@@ -102,11 +110,79 @@ def test_the_screen_puts_what_is_urgent_first_and_fits() -> None:
     text = shown(watching, 40)
     lines = text.splitlines()
     assert len(lines) <= 40
-    vehicles = [line for line in lines if " behind" not in line and line.startswith("veh-")]
+    pairs = next(i for i, line in enumerate(lines) if "gap m" in line)
+    vehicles = [line for line in lines[pairs:] if line.startswith("veh-")]
     assert vehicles[0].startswith("veh-0150")
     assert "silent" in vehicles[1]
     assert "more" in text
     assert "out_of_range 44" in text
+
+
+def faulty(n: int, metres: float, **changes: object) -> Event:
+    made = event(n, sensor=Sensor.LOCATION, t_us=time.time_ns() // 1000)
+    return made.model_copy(update={"deviation": Deviation(x_m=metres, v_mps=0.0)} | changes)
+
+
+def test_events_are_grouped_by_vehicle_and_keys_sort_switch_scroll_and_quit() -> None:
+    feed = FakeFeed([])
+    watching = watcher(feed)
+    known = [
+        faulty(1, 1.0),
+        faulty(2, 5.0),
+        *(faulty(n, 0.1 * n, suspect="veh-0003", follower="veh-0003") for n in (3, 4, 5)),
+        faulty(6, 9.0, phase=Phase.CLEARED),
+    ]
+    feed.deliver(*known)
+    watching.refresh()
+    choice = Choice()
+
+    def first_column() -> list[str]:
+        lines = shown(watching, 40, choice=choice).splitlines()
+        return [line.split()[0] for line in lines if line.startswith("veh-")]
+
+    assert first_column() == ["veh-0002", "veh-0001", "veh-0003", "veh-0006"]
+    assert "sorted by worst" in shown(watching, 40, choice=choice)
+    orders = []
+    for _ in range(4):
+        choice.press("s")
+        orders.append((choice.order, first_column()[0]))
+    assert orders[1:] == [("most events", "veh-0003"), ("name", "veh-0001"), ("worst", "veh-0002")]
+    choice.press("j")
+    assert first_column()[0] == "veh-0001"
+    choice.press("v")
+    assert shown(watching, 40, choice=choice).count("bias") == 6
+    choice.press("q")
+    assert choice.is_over
+
+
+def test_a_muted_vehicle_is_the_last() -> None:
+    feed = FakeFeed([])
+    feed.handled.append(
+        as_stored(
+            "local",
+            HandlingRequest(
+                vehicle="veh-0002", action=Action.MUTE, by="anna", until_us=time.time_ns() // 1000 + 60_000_000
+            ),
+        )
+    )
+    watching = watcher(feed)
+    feed.deliver(faulty(1, 1.0), faulty(2, 5.0))
+    watching.refresh()
+    lines = [line for line in shown(watching, 40).splitlines() if line.startswith("veh-")]
+    assert lines[-1].startswith("veh-0002")
+    assert "mute by anna" in lines[-1]
+
+
+def test_a_key_is_read_without_enter_and_the_terminal_is_left_as_it_was() -> None:
+    ours, theirs = pty.openpty()
+    with os.fdopen(theirs, "r") as terminal:
+        before = termios.tcgetattr(terminal)
+        with keyboard(terminal) as keys:
+            assert keys.pressed(0.0) == ""
+            os.write(ours, b"sv")
+            assert (keys.pressed(1.0), keys.pressed(1.0)) == ("s", "v")
+        assert termios.tcgetattr(terminal) == before
+    os.close(ours)
 
 
 def test_the_screen_of_nothing() -> None:

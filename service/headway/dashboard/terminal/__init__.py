@@ -1,0 +1,1 @@
+"""`headway watch`: the page for a terminal."""
