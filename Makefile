@@ -32,7 +32,7 @@ check: venv  ## lint, format, types, import contracts, prose, deployment files; 
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/python tests/prose/check.py
-	$(BIN)/mkdocs build --quiet
+	$(BIN)/mkdocs build --strict
 	$(BIN)/python -m pytest tests/deploy
 	@if command -v promtool >/dev/null; then $(MAKE) --no-print-directory check-deploy; \
 	else echo 'skipped: make check-deploy, which needs promtool (Debian: apt-get install prometheus)'; fi

@@ -2,6 +2,7 @@
 
 import re
 import shlex
+import shutil
 import sqlite3
 import subprocess
 import sys
@@ -116,3 +117,17 @@ def test_the_guide_to_export_reads_a_journal(tmp_path: Path) -> None:
     (code,) = blocks(page, "python")
     first = run("-c", code, folder=tmp_path).splitlines()[0]
     assert re.fullmatch(r"\S+ \d+ \['t_s', 'x_m', \S+\]", first)
+
+
+def test_the_check_fails_on_a_page_that_the_navigation_lacks(tmp_path: Path) -> None:
+    makefile = (DOCS.parent / "Makefile").read_text().partition("\ncheck:")[2]
+    build = next(line.split()[1:] for line in makefile.splitlines() if line.startswith("\t$(BIN)/mkdocs"))
+    shutil.copytree(DOCS, tmp_path / "docs")
+    shutil.copy(DOCS.parent / "mkdocs.yml", tmp_path)
+    run("-m", "mkdocs", *build, folder=tmp_path)
+    (tmp_path / "docs" / "orphan.md").write_text("# Of no part\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", *build], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode != 0
+    assert "orphan.md" in done.stderr

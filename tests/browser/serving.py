@@ -34,7 +34,8 @@ def dashboard(endpoints: Sequence[str], sites: Sequence[str] = ("local",), *opti
         process.terminate()
         _, complaints = process.communicate(timeout=20)
     # A service that starts later than the dashboard is no complaint.
-    assert [line for line in complaints.splitlines() if "contact with" not in line and "connected to" not in line] == []
+    others = [line for line in complaints.splitlines() if "contact with" not in line and "connected to" not in line]
+    assert others == [], others
 
 
 @contextmanager

@@ -65,7 +65,7 @@ export class Charts {
 
 /**
  * `spec`: {title, quantity, series: [{name, look, draw, points: [[x, y, sigma?]]}], log}; `look` is a class of style.css.
- * `draw` is "line", "dots", "marks" or "level", one y over the whole width. Points with a sigma have a band. With `log`
+ * `draw` is "line", "dots", "marks" or "level", a line at one y. Points with a sigma have a band. With `log`
  * the y axis is logarithmic where the values are positive and span much. Returns {figure, plot}.
  */
 function chart({ title, quantity, series, log = false }, zoomed) {
@@ -108,14 +108,14 @@ const COLOURS = { reading: "normal", statistic: "normal", gate: "anomalous", ran
 
 /** Columns over the union of all times; a series with sigmas has two more, its upper and lower edge. */
 function aligned(drawn, factor) {
-  const times = [...new Set(drawn.flatMap(({ draw, points }) => (draw === "level" ? [] : points.map(([x]) => x))))].sort((a, b) => a - b);
+  const times = [...new Set(drawn.flatMap(({ points }) => points.map(([x]) => x)))].sort((a, b) => a - b);
   const place = new Map(times.map((x, i) => [x, i])), data = [times], columns = [];
   for (const { look, draw, points } of drawn) {
     const sigma = points.some(([, , s]) => s > 0);
     columns.push({ look, draw, sigma, at: data.length });
     for (const side of sigma ? [0, 1, -1] : [0]) {
-      const column = Array(times.length).fill(draw === "level" ? points[0][1] * factor : null);
-      if (draw !== "level") for (const [x, y, s = 0] of points) column[place.get(x)] = (y + side * s) * factor;
+      const column = Array(times.length).fill(null);
+      for (const [x, y, s = 0] of points) column[place.get(x)] = (y + side * s) * factor;
       data.push(column);
     }
   }
@@ -124,7 +124,7 @@ function aligned(drawn, factor) {
 
 function lineOf(draw, stroke) {
   if (draw === "line") return { stroke, width: 1.5, spanGaps: true, points: { show: false } };
-  if (draw === "level") return { stroke, width: 1.5, dash: [5, 4], points: { show: false } };
+  if (draw === "level") return { stroke, width: 1.5, dash: [5, 4], spanGaps: true, points: { show: false } };
   return { stroke, paths: () => null, points: { show: true, size: draw === "dots" ? DOT_PX : MARK_PX, fill: stroke, width: 0 } };
 }
 

@@ -108,7 +108,6 @@ function render() {
   const tally = {}, pairs = store.shownPairs();
   for (const { standing } of pairs) tally[standing] = (tally[standing] ?? 0) + 1;
   renderLegend(tally);
-  $("road-empty").hidden = pairs.length > 0;
   $("road").setAttribute("aria-label", `${pairs.length} vehicles, ${tally.anomalous ?? 0} anomalous, ${tally.silent ?? 0} silent`);
   for (const button of $("road-sites").children) button.setAttribute("aria-pressed", String(button.dataset.site === $("road").dataset.site));
   const faulty = renderStatus(store, quietMs());

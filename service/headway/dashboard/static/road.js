@@ -55,11 +55,11 @@ export class Road {
     this.#fittedMs = 0;
   }
 
-  /** Keeps a vehicle in the middle, until the view is moved; without a place it stays as it is. */
+  /** Keeps a vehicle in the middle, until the view is moved; one that is not shown changes nothing. */
   centre(key) {
     const pair = this.#store.pairs.get(key);
-    if (pair?.shown_e === undefined) return;
-    if (this.#site && this.#site !== pair.site) this.#site = pair.site;
+    if (!pair?.shown || pair.shown_e === undefined) return;
+    if (this.#canvas.dataset.site) this.#site = pair.site;
     this.#following = false;
     this.#centred = pair;
     this.#view.unfold();
@@ -108,9 +108,12 @@ export class Road {
   /** The vehicles of the site that is shown; of sites far apart, one is. */
   #shown() {
     const pairs = [...this.#store.pairs.values()].filter((pair) => pair.shown && pair.shown_e !== undefined);
-    this.#site ??= areApart(pairs) ? pairs[0].site : null;
-    $("road").dataset.site = this.#site ?? "";
-    return this.#site ? pairs.filter(({ site }) => site === this.#site) : pairs;
+    const site = this.#site ?? (areApart(pairs) ? pairs[0].site : "");
+    const shown = site ? pairs.filter((pair) => pair.site === site) : pairs;
+    this.#canvas.dataset.site = site;
+    $("road-empty").hidden = shown.length > 0;
+    setText($("road-empty"), site ? `No vehicle of ${site}.` : "No vehicle.");
+    return shown;
   }
 
   #frame(ms) {
@@ -125,7 +128,7 @@ export class Road {
     }
     if (this.#centred) Object.assign(this.#view, { east: this.#centred.shown_e, north: this.#centred.shown_n });
     this.#canvas.dataset.centred = this.#centred?.key ?? "";
-    if (this.#plane) this.#ground?.follow(this.#view, this.#plane, this.#site, ms);
+    if (this.#plane) this.#ground?.follow(this.#view, this.#plane, this.#canvas.dataset.site, ms);
     this.#draw(pairs);
     this.#point(pairs);
   }
@@ -178,7 +181,7 @@ export class Road {
   #driven() {
     const pen = this.#pen, view = this.#view;
     pen.beginPath();
-    for (const [, e0, n0, e1, n1] of this.#paths.of(this.#site)) {
+    for (const [, e0, n0, e1, n1] of this.#paths.of(this.#canvas.dataset.site)) {
       const [x0, y0, row0] = view.at(e0, n0), [x1, y1, row1] = view.at(e1, n1);
       if (row0 !== row1) continue;
       pen.moveTo(x0, y0);
@@ -351,10 +354,15 @@ function move(pair, ms, elapsed_s) {
   pair.shown_n += (north - pair.shown_n) * share;
 }
 
-/** Whether the sites of vehicles lie further from each other than a picture shows. */
+/** Whether the middles of the sites lie further from each other than a picture shows. */
 function areApart(pairs) {
-  const first = pairs.find(Boolean);
-  return pairs.some(({ site, shown_e, shown_n }) => site !== first.site && Math.hypot(shown_e - first.shown_e, shown_n - first.shown_n) > APART_M);
+  const sums = new Map();
+  for (const { site, shown_e, shown_n } of pairs) {
+    const [e, n, count] = sums.get(site) ?? [0, 0, 0];
+    sums.set(site, [e + shown_e, n + shown_n, count + 1]);
+  }
+  const middles = [...sums.values()].map(([e, n, count]) => [e / count, n / count]);
+  return middles.some(([e, n]) => Math.hypot(e - middles[0][0], n - middles[0][1]) > APART_M);
 }
 
 function arrow(pen, pair, angle, size) {

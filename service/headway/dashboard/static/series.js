@@ -70,7 +70,7 @@ export function gapOf(reading, x_m) {
 
 const steadyOf = (first) => (reading, x_m) => x_m - first.x_m - first.v_mps * (reading.t_s - first.t_s);
 
-export function statisticChart({ updates, estimates, pair, zero_s }) {
+export function statisticChart({ readings, updates, estimates, pair, zero_s }) {
   const tested = updates.filter((update) => update.statistic !== null);
   const end_s = (updates.at(-1).t_us / 1e6) - zero_s;
   const around = (pair?.trace ?? []).map(([t_us, statistic]) => [t_us / 1e6 - zero_s, statistic])
@@ -79,7 +79,7 @@ export function statisticChart({ updates, estimates, pair, zero_s }) {
   return {
     title: "Statistic", quantity: "", log: true,
     series: [
-      { name: "gate", look: "gate", draw: "level", points: gate == null ? [] : [[0, gate]] },
+      { name: "gate", look: "gate", draw: "level", points: gate == null ? [] : [[(readings[0]?.t_s ?? zero_s) - zero_s, gate], [end_s, gate]] },
       { name: "each reading", look: "leader", draw: "line", points: known(estimates.map((row) => [row.t_s - zero_s, row.statistic])) },
       { name: "pair state", look: "prediction", draw: "line", points: known(around) },
       { name: "statistic", look: "statistic", draw: "marks", points: tested.map(({ t_us, statistic }) => [t_us / 1e6 - zero_s, statistic]) },
