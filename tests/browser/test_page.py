@@ -228,6 +228,7 @@ def test_pictures(page: Browser, endpoint: str, tmp_path: Path) -> None:
         page.call("Emulation.setDeviceMetricsOverride", width=420, height=900, deviceScaleFactor=1, mobile=False)
         time.sleep(1.5)
         page.screenshot(folder / "narrow.png")
+        page.until("document.documentElement.scrollWidth <= window.innerWidth")
         page.call("Emulation.setDeviceMetricsOverride", width=1440, height=1180, deviceScaleFactor=1, mobile=False)
-        assert page.run("document.documentElement.scrollWidth <= window.innerWidth")
+        page.until("innerWidth === 1440 && document.documentElement.scrollWidth <= innerWidth")
     assert (folder / "dark.png").stat().st_size > 10_000
