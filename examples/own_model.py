@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.special import chdtri
 
 from headway import Detector, sample_recording
 from headway.core.estimation.registry import READINGS_PER_HOUR, Model, register
-from headway.core.statistics.chi_square import gate_of_two
 from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Kind, Sensor
 
@@ -68,7 +68,7 @@ def step_batch(bank: Any, rows: Any, readings: Any, p: Params, verdicts: Any) ->
 
 def build(config: DetectorConfig) -> Model:
     """Return the model with the numbers that a configuration asks for."""
-    gate = gate_of_two(config.alarm_budget_per_hour / READINGS_PER_HOUR)
+    gate = float(chdtri(2, config.alarm_budget_per_hour / READINGS_PER_HOUR))
     return Model("alpha-beta", ROW, Params(gate, config.warming_readings, config.max_gap_s), step_batch)
 
 

@@ -9,7 +9,7 @@ HEAVY = {
 }  # fmt: skip
 ELSEWHERE = (
     "headway.dashboard", "headway.detector", "headway.explain", "headway.gateways", "headway.result", "numba.cuda",
-    "rich.progress", "scipy.linalg", "scipy.special", "scipy.stats",
+    "rich.progress", "scipy.linalg", "scipy.stats",
 )  # fmt: skip
 SERVE = """
 import sys

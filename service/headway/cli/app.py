@@ -27,7 +27,6 @@ EXTRAS: Final = {
     "matplotlib": "plots",
     "paho": "mqtt",
     "polars": "recordings",
-    "scipy": "recordings",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
     "zstandard": "recordings",

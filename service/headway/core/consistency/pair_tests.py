@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
+from scipy.special import expit
 
 from headway.core.consistency.attribution import (
     FAULT_LOG_ODDS,
@@ -161,5 +162,5 @@ def pair_verdicts(pair_tests: Records, verdicts: Records) -> Records:
         result[name] = check[name]
     result["kind"], result["sensor"] = pair_tests["kind"], Sensor.LINK
     result["anomalous"] = pair_tests["kind"] != Kind.NONE
-    result["confidence"] = 1.0 / (1.0 + np.exp(-np.abs(pair_tests["follower_log_odds"])))
+    result["confidence"] = expit(np.abs(pair_tests["follower_log_odds"]))
     return result

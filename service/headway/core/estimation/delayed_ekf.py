@@ -21,7 +21,6 @@ from numba import njit
 
 from headway.core.estimation.car_following import IdmParams, idm
 from headway.core.estimation.delay_buffers import input_at, own_at, push_input, push_own
-from headway.core.statistics.eigenvalues import raise_eigenvalues
 from headway.core.statistics.fault_shape import add_deviation, end_episode, likeliest_kind
 from headway.core.statistics.innovation import Innovation, conditional_variance, nis_2d
 from headway.core.types.records import Sensor
@@ -144,7 +143,9 @@ def repair_covariance(P: Any) -> bool:
         sound = det > 0.0
     if sound:
         return False
-    raise_eigenvalues(P, 2.0 * P_FLOOR)
+    values, vectors = np.linalg.eigh(P)
+    lifted = np.maximum(values, 2.0 * P_FLOOR)
+    P[:, :] = (vectors * lifted) @ vectors.T
     return True
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.special import chdtri
 
 from headway.core.estimation import constant_acceleration as ca
 from headway.core.estimation.car_following import IdmParams
@@ -13,7 +14,6 @@ from headway.core.estimation.delayed_ekf import FilterParams, step_batch
 from headway.core.estimation.imm import step
 from headway.core.estimation.imm.sensor_quality import sensor_qualities
 from headway.core.runtime.rows import BatchKernel, readings, verdicts
-from headway.core.statistics.chi_square import gate_of_one, gate_of_two
 from headway.core.statistics.fault_shape import EPISODE
 from headway.core.types.config import MODEL_NAMES, DetectorConfig
 from headway.core.types.records import Records
@@ -72,8 +72,8 @@ def paper_params(config: DetectorConfig) -> FilterParams:
         idm=IdmParams(),
         delay_s=config.delay_s,
         delay_jitter_s=config.delay_jitter_s,
-        gate=gate_of_two(false_alarm),
-        sensor_gate=gate_of_one(false_alarm),
+        gate=float(chdtri(2, false_alarm)),
+        sensor_gate=float(chdtri(1, false_alarm)),
         # docs/PAPER.md, "Noise"; `rejections_max` is ours.
         q_x=0.5,
         q_v=0.3,
