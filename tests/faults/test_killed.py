@@ -7,8 +7,12 @@ from faults.harness.processes import Fleet, Subscriber
 from sim.until import until
 
 KILLS, CARS, FAULTY = 20, 40, 10
-KILL_S, START_S, CALM_S = 160.0, 8.0, 30.0
+KILL_S, CALM_S = 220.0, 30.0
 AGREE_S, JUDGED_S, ENDED_S = 5.0, 1.0, 60.0
+KNOWN = 0.9
+"""Share of records in the first second that are scored: vehicles are known."""
+BRIDGED_S = 4.0
+"""From the kill until ready: `max_gap_s`, less the age of the snapshot and an interval between messages."""
 
 
 def test_killed_twenty_times(start, router, history, measured) -> None:
@@ -19,17 +23,21 @@ def test_killed_twenty_times(start, router, history, measured) -> None:
             fault_every_s=4.0, until_s=KILL_S,
         ) as fleet,
     ):  # fmt: skip
-        begin_s, service, known, agree_s = time.monotonic(), start(router), 0, []
+        begin_s, service, shares, agree_s, gaps_s = time.monotonic(), start(router), [], [], []
+        until(lambda: service.metric("headway_records_total")["scored"] > CARS)  # warm: what is not known can't be kept
         for kill in range(KILLS):
             ready_s = time.monotonic()
             until(lambda: _lacking(bus, history(router.endpoint)) == set())
             agree_s.append(time.monotonic() - ready_s)
             time.sleep(max(0.0, ready_s + 1.5 + 0.1 * kill - time.monotonic()))
+            killed_s = time.monotonic()
             service.kill()
             service = start(router)
+            gaps_s.append(time.monotonic() - killed_s)
             time.sleep(JUDGED_S)
             outcomes = service.metric("headway_records_total")
-            known += outcomes["scored"] > 0.5 * (outcomes["scored"] + outcomes["warming"])
+            shares.append(outcomes["scored"] / (outcomes["scored"] + outcomes["warming"]))
+
         until(lambda: fleet.popen.poll() is not None, KILL_S + CALM_S)
         assert time.monotonic() - begin_s > KILL_S, "the fleet ended before the last kill"
         fleet.sent()
@@ -38,12 +46,16 @@ def test_killed_twenty_times(start, router, history, measured) -> None:
         alerts = bus.alerts
         onsets = {a["event_id"] for a in alerts if a["phase"] == "onset"}
         lacking = _lacking(bus, history(router.endpoint))
-    got = f"agree {max(agree_s):.1f} s, 0 of {len(onsets)} open after {time.monotonic() - end_s:.0f} s, {known} warm"
+    bridged = [share > KNOWN for share, gap_s in zip(shares, gaps_s, strict=True) if gap_s < BRIDGED_S]
+    got = (
+        f"agree {max(agree_s):.1f} s, 0 of {len(onsets)} open after {time.monotonic() - end_s:.0f} s,"
+        f" {sum(bridged)} of {len(bridged)} warm, longest start {max(gaps_s):.1f} s"
+    )
     measured(f"kill -9 x {KILLS}", got, "5 s, 0 open after 60 s, known within 1 s")
     assert onsets
     assert not lacking
     assert max(agree_s) <= AGREE_S
-    assert known >= 0.9 * KILLS
+    assert all(bridged)
 
 
 def _lacking(bus: Subscriber, written: list) -> set[int]:

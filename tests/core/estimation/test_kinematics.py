@@ -48,6 +48,15 @@ def unpacked(m):
     return m[:5].copy(), cov + np.triu(cov, 1).T
 
 
+@pytest.mark.parametrize("sensor", [0, 1])
+def test_a_variance_that_rounding_took_below_zero_leaves_a_likelihood(sensor: int) -> None:
+    """As after an update of a vehicle that is a million metres off; also in a column that uses the reading."""
+    m = packed(np.zeros(5), np.diag([-1e3, -1e3, 1.0, 1.0, 1.0]))
+    together = beside(m)
+    update_scalar(together, sensor, 100.0, 0.2, 0.3, ((1, NO_COLUMN), (0, NO_COLUMN)))
+    assert all(np.isfinite(likelihood(together, j)) for j in range(WIDTH))
+
+
 def test_prediction_solves_the_stated_equations() -> None:
     """Van Loan 1978: the covariance of a linear system from one matrix exponential."""
     A = np.zeros((5, 5))

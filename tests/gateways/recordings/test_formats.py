@@ -212,6 +212,13 @@ def test_a_mapping_has_units(tmp_path: Path, columns: str, row: str, expected: d
     assert {name: record[name] for name in expected} == pytest.approx(expected)
 
 
+def test_a_column_with_any_name_is_named_in_quotes(tmp_path: Path) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text("vehicle+trip;Time, s;Y;X;Speed [mph]\na;1.5;42.5;-83;10\n")
+    (record,) = records_of(path, columns='id="vehicle+trip",t="Time, s",lat=Y,lon=X,speed="speed [mph]"[mph]')
+    assert (record["id"], record["t_us"], record["speed_mps"]) == ("a", 1_500_000, pytest.approx(4.4704))
+
+
 @pytest.mark.parametrize(
     ("columns", "words"),
     [
@@ -221,6 +228,8 @@ def test_a_mapping_has_units(tmp_path: Path, columns: str, row: str, expected: d
         ("id=car,t=time,lat=y,lon=x,velocity=v", "no field velocity: choose from id"),
         ("id=car,t=time,lat=y,lon=x,speed=pace", "no column pace: the table has Car, Time"),
         ("id:car", "write FIELD=COLUMN"),
+        ("", "write FIELD=COLUMN"),
+        ('id="car', "write FIELD=COLUMN"),
     ],
 )
 def test_a_mapping_that_cannot_be_used_is_one_line(tmp_path: Path, columns: str, words: str) -> None:

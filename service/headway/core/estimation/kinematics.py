@@ -153,7 +153,8 @@ def update_scalar(filters: Any, sensor: int, z: float, r: float, spread: float, 
         b = 1.0 if j in faulty else 0.0
         off = z - (x * m[PX, j] + v * m[VX, j])
         nu = off - b * m[OFFSET, j]
-        seen = x * m[XX, j] + v * m[VV, j]
+        # A variance below zero would make the likelihood of no number, also where the reading is used.
+        seen = max(x * m[XX, j] + v * m[VV, j], 0.0)
         hx = x * m[XX, j] + v * m[XV, j] + b * m[XB, j]
         hv = x * m[XV, j] + v * m[VV, j] + b * m[VB, j]
         ha = x * m[XA, j] + v * m[VA, j] + b * m[AB, j]

@@ -58,7 +58,8 @@ _UNITS: Final[dict[str, Mapping[str, float]]] = {
     "msg_cnt": {"": 1.0},
     "valid": {"": 1.0},
 }
-_TERM: Final = re.compile(r"\s*(\w+)\s*=\s*([^\[\]]*?)\s*(?:\[([^\[\]]*)\])?\s*")
+_PART: Final = re.compile(r'(?:"[^"]*"|[^,])+')
+_TERM: Final = re.compile(r'\s*(\w+)\s*=\s*("[^"]*"|[^\[\]"]*?)\s*(?:\[([^\[\]]*)\])?\s*')
 _COUNTED_MAX: Final = 100_000
 _US_PER_S: Final = 1_000_000
 _MSG_CNT_MASK: Final = 127
@@ -114,7 +115,7 @@ def parse_terms(text: str) -> tuple[dict[str, Term], Origin]:
     """Read the terms of a mapping, whatever fields they give. Raises `MappingError`."""
     terms: dict[str, Term] = {}
     origin = ORIGIN
-    for part in text.split(","):
+    for part in _PART.findall(text) or [text]:
         found = _TERM.fullmatch(part)
         if found is None or not found[2]:
             raise MappingError(f"{part.strip()!r}: write FIELD=COLUMN[UNIT]")
@@ -127,7 +128,8 @@ def parse_terms(text: str) -> tuple[dict[str, Term], Origin]:
         if name in terms:
             raise MappingError(f"{name} twice")
         _require_unit(name, unit)
-        columns = tuple(part.strip() for part in column.split("+")) if name in _TEXT else (column,)
+        quoted = column.startswith('"')
+        columns = tuple(map(str.strip, column.split("+"))) if name in _TEXT and not quoted else (column.strip('"'),)
         terms[name] = Term(columns, unit)
     return terms, origin
 
