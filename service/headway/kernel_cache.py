@@ -60,24 +60,32 @@ def alone() -> Iterator[None]:
     and machine code with a wrong bit ends the process.
     """
     folder = _folder()
+    is_noted = False
     with ExitStack() as held:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True)
             lock = held.enter_context((folder / LOCK).open("w"))
             fcntl.flock(lock, fcntl.LOCK_EX)
-            _remove_damaged(folder)
+            is_noted = _remove_damaged(folder)
+        count = kept()
         yield
+        if is_noted and kept() == count:
+            return
         with suppress(OSError):
             (folder / CHECKSUMS).write_text(json.dumps(_checksums(folder)), encoding="utf-8")
 
 
-def _remove_damaged(folder: Path) -> None:
-    """Remove a kernel of which a file is not as it was noted, or is not noted and cannot be read."""
+def _remove_damaged(folder: Path) -> bool:
+    """Remove a kernel of which a file is not as it was noted, or is not noted and cannot be read.
+
+    Return whether all files were as noted.
+    """
     try:
         noted = dict(json.loads((folder / CHECKSUMS).read_text(encoding="utf-8")))
     except (OSError, ValueError, TypeError):
         noted = {}
-    for name, checksum in _checksums(folder).items():
+    found = _checksums(folder)
+    for name, checksum in found.items():
         if not (folder / name).exists():  # removed with another file of its kernel
             continue
         if not (noted[name] == checksum if name in noted else _is_readable(folder / name)):
@@ -85,6 +93,7 @@ def _remove_damaged(folder: Path) -> None:
             kernel, _, _ = file.name.partition(".py")
             for part in file.parent.glob(f"{glob.escape(kernel)}.py*"):
                 part.unlink()
+    return noted == found
 
 
 def _checksums(folder: Path) -> dict[str, str]:

@@ -1,5 +1,7 @@
 """`headway serve`: the service."""
 
+import gc
+
 from headway.cli.options import ConfigFile
 
 
@@ -8,6 +10,7 @@ def serve(config: ConfigFile = None) -> None:
 
     Example: HEADWAY_SITE=crossing headway serve --config headway.toml
     """
+    gc.disable()  # nearly all that is imported stays; the loop collects while no message waits
     from headway.cli.run import serve as service
     from headway.settings import load
 

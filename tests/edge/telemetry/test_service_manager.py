@@ -34,24 +34,22 @@ def test_systemd_is_told_each_state_and_life_three_times_within_the_watchdog(
     name, receiver = systemd
     clock = FakeClock()
     manager = ServiceManager(clock, {"NOTIFY_SOCKET": name, "WATCHDOG_USEC": "9000000"})
-    manager.ready()
-    for _ in range(900):
-        manager.alive()
+    for n in range(900):
+        manager.tell(is_ready=n >= 400)
         clock.sleep(0.01)
     manager.stopping()
-    assert received(receiver) == [b"READY=1", b"WATCHDOG=1", b"WATCHDOG=1", b"WATCHDOG=1", b"STOPPING=1"]
+    assert received(receiver) == [b"WATCHDOG=1", b"WATCHDOG=1", b"READY=1", b"WATCHDOG=1", b"STOPPING=1"]
 
 
 def test_without_a_watchdog_no_life_is_told(systemd: tuple[str, socket.socket]) -> None:
     name, receiver = systemd
     manager = ServiceManager(FakeClock(), {"NOTIFY_SOCKET": name})
-    manager.alive()
+    manager.tell(is_ready=False)
     assert received(receiver) == []
 
 
 @pytest.mark.parametrize("environment", [{}, {"NOTIFY_SOCKET": "/absent/notify", "WATCHDOG_USEC": "1"}])
 def test_without_systemd_nothing_is_sent_and_nothing_fails(environment: dict[str, str]) -> None:
     manager = ServiceManager(FakeClock(), environment)
-    manager.ready()
-    manager.alive()
+    manager.tell(is_ready=True)
     manager.stopping()

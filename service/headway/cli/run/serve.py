@@ -26,6 +26,7 @@ from headway.edge.telemetry.health import HealthState
 from headway.edge.telemetry.http_server import HttpServer
 from headway.edge.telemetry.latency import Latencies
 from headway.edge.telemetry.metrics import CONTENT_TYPE, Metrics
+from headway.edge.telemetry.process import release_pages
 from headway.edge.telemetry.reporter import ReportConfig, Reporter
 from headway.edge.telemetry.service_manager import ServiceManager
 from headway.edge.transport.ports import Channel
@@ -103,7 +104,7 @@ def serve(loaded: Loaded) -> None:
     manager = ServiceManager(clock, os.environ)
 
     def stopping() -> bool:
-        manager.alive()
+        manager.tell(is_ready=health.ready)
         return stop.is_set()
 
     loop = ServiceLoop(_loop_config(settings), context, Reporter(_report_config(settings), context))
@@ -119,13 +120,13 @@ def serve(loaded: Loaded) -> None:
             # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
             _log.info("starting anew", compiled=compiled)
             os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
+        release_pages("libllvmlite")  # 68 MB that only compile and load kernels
         resumed = Resumed() if persistence is None else persistence.start()
         health.warm = True
         try:
             if bus.open(lambda seconds: not stop.wait(seconds)):
                 loop.resume(resumed)
                 _log.info("ready", connect=settings.connect, listen=settings.listen)
-                manager.ready()
                 loop.run(stopping)
                 manager.stopping()
                 left = loop.drain(settings.stop_timeout_s)
