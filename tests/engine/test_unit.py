@@ -20,7 +20,7 @@ ExecStart=/usr/bin/python3 /result/unit_process.py
 [Install]
 WantedBy=multi-user.target
 """
-SETTINGS = 'site = "unit"\nmode = "peer"\nlisten = ["tcp/127.0.0.1:7447"]\n'
+SETTINGS = 'site = "local"\nmode = "peer"\nlisten = ["tcp/127.0.0.1:7447"]\n'
 
 
 @pytest.fixture(scope="module")
