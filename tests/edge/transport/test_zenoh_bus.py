@@ -1,7 +1,9 @@
 """The bus over real zenoh on loopback: what senders put arrives stamped, what is told reaches who listens."""
 
 import json
+import signal
 import threading
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -134,6 +136,15 @@ def test_a_message_after_a_wait_that_timed_out_is_received_and_stamped_on_arriva
         bus.wait(10.0)
         taken = bus.drain(10, 1 << 24, 0)
     assert before_ns <= taken[0].received_ns <= clock.monotonic_ns()
+
+
+def test_a_signal_that_takes_longer_than_the_wait_does_not_prolong_it(bus: ZenohBus) -> None:
+    before = signal.signal(signal.SIGALRM, lambda *_: time.sleep(0.05))
+    signal.setitimer(signal.ITIMER_REAL, 0.005)
+    try:
+        bus.wait(0.02)
+    finally:
+        signal.signal(signal.SIGALRM, before)
 
 
 def test_a_query_ends_a_wait(bus: ZenohBus, other: zenoh.Session) -> None:

@@ -1,8 +1,8 @@
 """Waiting for a message with a time-out, which zenoh's channel does not offer."""
 
 import threading
-from contextlib import suppress
-from queue import Empty, SimpleQueue
+from collections import deque
+from queue import SimpleQueue
 from typing import Final
 
 import zenoh
@@ -20,8 +20,9 @@ class FirstSample:
     def __init__(self, incoming: zenoh.handlers.Handler[zenoh.Sample]) -> None:
         self._incoming = incoming
         self._asked: SimpleQueue[bool] = SimpleQueue()
-        self._arrived: SimpleQueue[object] = SimpleQueue()
-        self._first: list[zenoh.Sample] = []
+        self._arrived: deque[object] = deque()
+        self._bell = threading.Event()
+        """Not a `SimpleQueue`: a signal that ends later than the time-out makes its `get` wait for ever."""
         self._has_channel = False
         threading.Thread(target=self._run, name="headway-arrivals", daemon=True).start()
 
@@ -30,36 +31,29 @@ class FirstSample:
         if not self._has_channel:
             self._has_channel = True
             self._asked.put(True)  # noqa: FBT003 - an item of a queue
-        with suppress(Empty):
-            self._accept(self._arrived.get(timeout=timeout_s))
+        self._bell.wait(timeout_s)
+        self._bell.clear()
 
     def wake(self) -> None:
         """End a wait; any thread may call this."""
-        if self._arrived.empty():
-            self._arrived.put(None)
+        self._bell.set()
 
     def take(self) -> list[zenoh.Sample] | None:
         """Return what the thread received; None while the channel belongs to it."""
-        while self._has_channel and not self._arrived.empty():
-            self._accept(self._arrived.get())
-        if self._has_channel:
+        if self._has_channel and not self._arrived:
             return None
-        first, self._first = self._first, []
-        return first
+        self._has_channel = False
+        first = self._arrived.popleft() if self._arrived else _CLOSED
+        return [first] if isinstance(first, zenoh.Sample) else []
 
     def close(self) -> None:
         """End the thread; the subscriber is undeclared."""
         self._asked.put(False)  # noqa: FBT003 - an item of a queue
 
-    def _accept(self, arrived: object) -> None:
-        if arrived is not None:
-            self._has_channel = False
-        if isinstance(arrived, zenoh.Sample):
-            self._first.append(arrived)
-
     def _run(self) -> None:
         while self._asked.get():
             try:
-                self._arrived.put(self._incoming.recv())
+                self._arrived.append(self._incoming.recv())
             except zenoh.ZError:  # unsubscribed
-                self._arrived.put(_CLOSED)
+                self._arrived.append(_CLOSED)
+            self._bell.set()
