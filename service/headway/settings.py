@@ -120,6 +120,13 @@ class Settings(BaseSettings):
     pairing_range_m: float = _of_detector("pairing_range_m", "m", gt=0, le=1000)
     evidence_readings: int = _of_detector("evidence_readings", ge=4, le=1000, multiple_of=4)
 
+    workers: int = _setting(
+        1, "Processes with an engine each; with more than one the site is shared out among them by cells.", ge=1, le=32
+    )
+    cell_m: float = _setting(
+        2_000.0, "Side of a cell, with several workers; at least four times pairing_range_m.", "m", gt=0, le=1e6
+    )
+
     site: str = _setting(
         "local", "Coverage of one roadside unit; a chunk of every key.", "", pattern=f"^(?:{ID_PATTERN})$"
     )
@@ -227,6 +234,12 @@ class Settings(BaseSettings):
     log_level: Literal["debug", "info", "warning", "error"] = _setting("info", "Least severity logged.")
     log_format: Literal["json", "console"] = _setting("json", "One JSON object a line, or lines for people.")
     stop_timeout_s: float = _setting(10.0, "Longest time after SIGTERM to process what is queued.", "s", gt=0, le=600)
+
+    @model_validator(mode="after")
+    def _cells_hold_their_halo(self) -> Self:
+        if self.workers > 1 and self.cell_m < 4.0 * self.pairing_range_m:
+            raise ValueError("cell_m must be at least four times pairing_range_m")
+        return self
 
     @model_validator(mode="after")
     def _reachable(self) -> Self:

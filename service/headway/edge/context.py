@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from headway.core.engine import Engine
+from headway.edge.cells.cell_engines import CellEngines
 from headway.edge.clock import Clock
 from headway.edge.codec.decoder import Codec
 from headway.edge.identity import Identity
@@ -23,7 +24,7 @@ class ServiceContext:
     keys: Keys
     clock: Clock
     codec: Codec
-    engine: Engine
+    engine: Engine | CellEngines
     bus: Bus
     health: HealthState
     ledger: Ledger

@@ -10,6 +10,9 @@ import structlog
 
 from headway import kernel_cache
 from headway.core.engine import Engine
+from headway.core.tracking.cells import Lattice
+from headway.edge.cells.cell_engines import CellEngines
+from headway.edge.cells.engine_process import EngineStart
 from headway.edge.clock import SystemClock
 from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
@@ -74,7 +77,7 @@ def serve(loaded: Loaded) -> None:
         settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in, settings.sender_rate_hz
     )
     bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue)
-    engine = Engine(settings.detector())
+    engine = _engine(settings, identity, clock, health)
     persistence = None
     if settings.state_dir is not None:
         persistence = Persistence(
@@ -135,7 +138,30 @@ def serve(loaded: Loaded) -> None:
         finally:
             if persistence is not None:
                 persistence.close()
+            if isinstance(engine, CellEngines):
+                engine.close()
             bus.close()
+
+
+def _engine(settings: Settings, identity: Identity, clock: SystemClock, health: HealthState) -> Engine | CellEngines:
+    """Return the engine, or with several workers the engines of the site."""
+    workers, folder = settings.workers, settings.state_dir and (settings.snapshot_dir or settings.state_dir)
+    if workers == 1:
+        return Engine(settings.detector())
+    name = f"{settings.site}-{settings.instance}"
+    starts = [
+        EngineStart(
+            config=settings.detector(),
+            identity=identity,
+            clock=clock,
+            snapshot_folder=folder and folder / f"{name}-{k + 1}of{workers}.snapshot",
+            snapshot_interval_s=settings.snapshot_interval_s,
+            log_level=settings.log_level,
+            log_format=settings.log_format,
+        )
+        for k in range(workers)
+    ]
+    return CellEngines(starts, Lattice(workers, settings.cell_m, 2.0 * settings.pairing_range_m), health)
 
 
 def _http(settings: Settings, metrics: Metrics, health: HealthState) -> HttpServer:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 from headway.core.engine import Engine
+from headway.edge.cells.cell_engines import CellEngines, EngineSnapshots
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
 from headway.edge.storage.handling_store import HandlingQueryable
@@ -50,7 +51,7 @@ class Persistence:
         self,
         config: PersistenceConfig,
         identity: Identity,
-        engine: Engine,
+        engine: Engine | CellEngines,
         clock: Clock,
         publish: Callable[[EventUpdate], None],
         publish_handling: Callable[[Handling], None] = lambda _: None,
@@ -69,8 +70,12 @@ class Persistence:
             publish,
             clock,
         )
-        snapshots = config.snapshot_folder / f"{identity.site}-{identity.instance}.snapshot"
-        self.snapshots = Snapshots(snapshots, config.snapshot_interval_s, engine, identity, clock)
+        self.snapshots: Snapshots | EngineSnapshots
+        if isinstance(engine, CellEngines):
+            self.snapshots = EngineSnapshots(engine)
+        else:
+            folder = config.snapshot_folder / f"{identity.site}-{identity.instance}.snapshot"
+            self.snapshots = Snapshots(folder, config.snapshot_interval_s, engine, identity, clock)
         self._history = HistoryQueryable(journal, identity.site, self.journal_writer.report_damage)
         self._handling = HandlingQueryable(journal, identity.site, clock, publish_handling)
 

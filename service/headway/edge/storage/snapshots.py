@@ -30,6 +30,7 @@ from headway.core.engine import Engine
 from headway.core.types.snapshot import OpenEvent, OpenMiss, Snapshot, concatenate
 from headway.edge.clock import Clock
 from headway.edge.identity import Identity
+from headway.edge.storage.packed import packed, unpacked
 from headway.edge.worker import Worker
 
 _PARTS: Final = 64
@@ -43,8 +44,6 @@ _VEHICLE_NS: Final = 100_000
 """Least time for each vehicle of a part, so that the share of the processor is bounded: 20,000 vehicles take 2 s."""
 _CLOSE_S: Final = 5.0
 _FORMAT: Final = 3
-_WORD: Final = np.uint64
-"""A zero word is a bit in the file: it saves a third of a vehicle with a leader, and more of one without."""
 _CHECKSUM: Final = 8
 """Hexadecimal digits at the end of a file."""
 
@@ -183,21 +182,7 @@ def _content(part: Snapshot, offset_us: int, maker: dict[str, float | str]) -> l
     """Return the pieces of a part: a line of JSON, then of each table which words are not zero, and these."""
     header = {name: getattr(part, name) for name in ("ids", "events", "pair_events", "misses")}
     header |= {"maker": maker, "clock_offset_us": round(offset_us, -3), "rows": part.rows.tolist()}
-    return [json.dumps(header).encode() + b"\n", *(piece for table in part.tables.values() for piece in _packed(table))]
-
-
-def _packed(table: NDArray[Any]) -> tuple[memoryview, memoryview]:
-    words = table.view(np.uint8).view(_WORD)
-    is_used = words != 0
-    return np.packbits(is_used).data, words[is_used].view(np.uint8).data
-
-
-def _unpacked(file: BytesIO, rows: int, dtype: np.dtype[Any]) -> NDArray[Any]:
-    words = np.zeros(rows * dtype.itemsize // _WORD().itemsize, _WORD)
-    bits = np.frombuffer(file.read(-(-words.size // 8)), np.uint8)
-    is_used = np.unpackbits(bits, count=words.size).astype(np.bool_)
-    words[is_used] = np.frombuffer(file.read(words.itemsize * int(is_used.sum())), _WORD)
-    return words.view(dtype)
+    return [json.dumps(header).encode() + b"\n", *(piece for table in part.tables.values() for piece in packed(table))]
 
 
 def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArray[Any]]) -> Snapshot:
@@ -214,7 +199,7 @@ def _read(path: Path, maker: dict[str, float | str], tables: Mapping[str, NDArra
     if other:
         raise ValueError(f"made with another {', '.join(other)}")
     rows = np.array(header["rows"], np.int64)
-    read = {name: _unpacked(file, rows.size, table.dtype) for name, table in tables.items()}
+    read = {name: unpacked(file, rows.size, table.dtype) for name, table in tables.items()}
     for name in ("received_us", "age_us", "aged_us"):
         read["tracks"][name] += header["clock_offset_us"]
     read["first_received_us"] += header["clock_offset_us"]

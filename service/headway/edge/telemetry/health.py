@@ -19,6 +19,8 @@ class HealthState:
     """Kernels are compiled."""
     connected: bool = False
     subscribed: bool = False
+    problem: str | None = None
+    """Of the processes of the engines; None: none."""
 
     def __post_init__(self) -> None:
         self.started_ns = self.clock.monotonic_ns()
@@ -45,6 +47,8 @@ class HealthState:
             return "not connected to the bus"
         if not self.subscribed:
             return "not subscribed"
+        if self.problem is not None:
+            return self.problem
         return self.liveness_problem
 
     @property

@@ -15,6 +15,7 @@ from prometheus_client.metrics_core import Metric as Family
 from prometheus_client.registry import Collector
 
 from headway.core.types.outcome import Outcome
+from headway.edge.cells.cell_engines import CellEngines
 from headway.edge.context import ServiceContext
 from headway.edge.storage.journal_format import Reason
 from headway.edge.storage.persistence import Persistence
@@ -51,6 +52,10 @@ class Metric:
 
 def _one(read: Callable[[ServiceContext], float]) -> Callable[[ServiceContext], Samples]:
     return lambda context: [((), read(context))]
+
+
+def _of_cells(read: Callable[[CellEngines], float]) -> Callable[[ServiceContext], Samples]:
+    return _one(lambda context: read(context.engine) if isinstance(context.engine, CellEngines) else 0)
 
 
 def _records(context: ServiceContext) -> Samples:
@@ -124,6 +129,10 @@ TABLE: Final = (
     Metric("headway_loop_iterations_total", _C, "Iterations of the loop.", (), _one(lambda s: s.ledger.iterations)),
     Metric("headway_vehicles", _G, "Vehicles known.", (), _one(lambda s: s.engine.vehicles)),
     Metric("headway_vehicle_capacity", _G, "Most vehicles that may be known.", (), _one(lambda s: s.vehicle_capacity)),
+    Metric("headway_engine_restarts_total", _C, "Processes of engines that ended and were started again.", (),
+           _of_cells(lambda engines: engines.restarts)),
+    Metric("headway_handovers_total", _C, "Vehicles that went from one engine of the site to another.", (),
+           _of_cells(lambda engines: engines.handovers)),
     Metric("headway_pairs", _G, "Vehicles with a leader.", (), _one(lambda s: s.engine.pairs)),
     Metric("headway_active_events", _G, "Events not cleared.", (), _one(lambda s: s.engine.active_events)),
     Metric("headway_events_total", _C, "Event updates published.", ("kind", "phase"), _events),

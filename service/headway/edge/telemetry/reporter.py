@@ -6,6 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
+from headway.edge.cells.cell_engines import CellEngines
+from headway.edge.cells.engine_process import EngineFigures
 from headway.edge.codec.messages import encode, quality_messages, state_messages
 from headway.edge.context import ServiceContext
 from headway.edge.telemetry.process import rss_mb
@@ -115,7 +117,7 @@ class Reporter:
         query.answer(b"[" + b",".join(states) + b"]", PAIR_STATES_JSON)
 
     def _health_message(self) -> Health:
-        context, identity, ledger = self._context, self._identity, self._context.ledger
+        context, identity, ledger, own_mb = self._context, self._identity, self._context.ledger, rss_mb()
         return Health(
             instance=identity.instance,
             site=identity.site,
@@ -138,10 +140,13 @@ class Reporter:
             latency_ms=dict(context.latencies.percentiles_ms()),
             sequence_gap_messages=ledger.sequence_gap_messages,
             histograms_us=context.latencies.cumulative_us(),
-            cpu_s=time.process_time(),
-            rss_mb=rss_mb(),
+            cpu_s=time.process_time() + sum(of.cpu_s for of in self._processes()),
+            rss_mb=own_mb and own_mb + sum(of.rss_mb for of in self._processes()),
             troubles=self._troubles(),
         )
+
+    def _processes(self) -> list[EngineFigures]:
+        return self._engine.figures if isinstance(self._engine, CellEngines) else []
 
     def _troubles(self) -> tuple[str, ...]:
         stored = self._persistence.troubles if self._persistence is not None else ()

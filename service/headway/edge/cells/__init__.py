@@ -1,0 +1,1 @@
+"""A site on several engines, each in a process of its own."""
