@@ -42,6 +42,10 @@ ROLES = {
         ("egress", ["declare_subscriber"], PUBLISHED),
         ("ingress", ["declare_queryable", "reply"], ASKED),
         ("egress", ["query"], ASKED),
+        ("ingress", ["put"], ["{prefix}/*/handover/{own}/*"]),
+        ("egress", ["declare_subscriber"], ["{prefix}/*/handover/{own}/*"]),
+        ("ingress", ["declare_subscriber"], ["{site}/handover/*/*"]),
+        ("egress", ["put"], ["{site}/handover/*/*"]),
         ("ingress", ["liveliness_token"], ["{prefix}/@headway/{name}"]),
     ],
     "dashboards": [
@@ -59,7 +63,7 @@ def access_control(members: dict[str, Any], identified_by: str) -> dict[str, Any
     """Return zenoh's `access_control`; `identified_by` is zenoh's word for what a member is known by."""
     rules, policies, names = [], [], set()
     for site, role, name in _roster(members):
-        chunks = {"prefix": members["prefix"], "site": f"{members['prefix']}/{site}", "name": name}
+        chunks = {"prefix": members["prefix"], "site": f"{members['prefix']}/{site}", "own": site, "name": name}
         its_rules = [
             {
                 "id": f"{site} {role} {name} {number}",

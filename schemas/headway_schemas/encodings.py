@@ -22,6 +22,9 @@ HEALTH_JSON: Final = "application/json;health.v1"
 REJECTED_JSON: Final = "application/json;rejected.v1"
 HANDLING_JSON: Final = "application/json;handling.v1"
 
+VEHICLE_STATE: Final = "application/octet-stream;vehicle_state.v1"
+"""The state of a vehicle from site to site; only the same version in the same configuration reads it."""
+
 EVENTS_JSON: Final = "application/json;events.v1"
 """An array of events: the answer of the queryable `alerts`."""
 PAIR_STATES_JSON: Final = "application/json;pair_states.v1"

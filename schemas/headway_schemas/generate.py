@@ -122,6 +122,7 @@ def _asyncapi() -> dict[str, Any]:
         "handling": _message("How a person handles a vehicle", encodings.HANDLING_JSON, "handling"),
         "handlings": _message("How people handle vehicles", encodings.HANDLINGS_JSON, "handlings"),
         "handlingRequest": _message("What a person asks for", encodings.HANDLING_JSON, "handling_request"),
+        "vehicleState": _foreign("State of a vehicle, for the same version alone", encodings.VEHICLE_STATE),
         "query": _QUERY,
     }
     channels = {
@@ -135,6 +136,7 @@ def _asyncapi() -> dict[str, Any]:
         "alerts": _channel(keys.alerts, "query", "events"),
         "pairs": _channel(keys.pairs, "query", "pairStates"),
         "handled": _channel(keys.handled("vehicle"), "handling"),
+        "handover": _channel(keys.handover("origin", "vehicle"), "vehicleState"),
         "handling": _channel(keys.handling, "query", "handlingRequest", "handlings"),
     }
     return {

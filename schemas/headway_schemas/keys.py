@@ -83,6 +83,10 @@ class Keys:
         """Where it is put how people handle this vehicle."""
         return self._under("handling", vehicle)
 
+    def handover(self, origin: str, vehicle: str) -> str:
+        """Where the site `origin` puts the state of a vehicle that comes to this site."""
+        return self._under("handover", origin, vehicle)
+
     def rejected(self, reason: str) -> str:
         """Where copies of messages rejected for `reason` are put."""
         return self._under("rejected", reason)
@@ -120,6 +124,11 @@ class Keys:
     def every_handled(self) -> str:
         """Subscription to how people handle vehicles."""
         return f"{self.prefix}/{self.site}/handling/*"
+
+    @property
+    def every_handover(self) -> str:
+        """Subscription to vehicles that come to this site."""
+        return f"{self.prefix}/{self.site}/handover/*/*"
 
     @property
     def every_rejected(self) -> str:

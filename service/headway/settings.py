@@ -142,6 +142,9 @@ class Settings(BaseSettings):
     )
     connect: Endpoints = _setting((), "zenoh endpoints to connect to, such as tcp/10.0.0.1:7447.")
     listen: Endpoints = _setting(("tcp/127.0.0.1:7447",), "zenoh endpoints to listen on; a client does not listen.")
+    handover: Annotated[Path | None, BeforeValidator(_given)] = _setting(
+        None, "TOML file with the areas of neighbouring sites, to which vehicles go over with their state; one worker."
+    )
     zenoh_config: Annotated[Path | None, BeforeValidator(_given)] = _setting(
         None, "JSON5 file of zenoh's own options (TLS, access control); mode and endpoints set here win over it."
     )
@@ -237,6 +240,8 @@ class Settings(BaseSettings):
 
     @model_validator(mode="after")
     def _cells_hold_their_halo(self) -> Self:
+        if self.workers > 1 and self.handover is not None:
+            raise ValueError("handover needs workers = 1")
         if self.workers > 1 and self.cell_m < 4.0 * self.pairing_range_m:
             raise ValueError("cell_m must be at least four times pairing_range_m")
         return self

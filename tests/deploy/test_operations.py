@@ -130,6 +130,7 @@ def test_every_topic_is_told_with_its_encoding() -> None:
         keys.every_rejected.replace("*", "<reason>"): encodings.REJECTED_JSON,
         keys.every_health.replace("*", "<instance>"): encodings.HEALTH_JSON,
         keys.every_handled.replace("*", "<vehicle>"): encodings.HANDLING_JSON,
+        keys.every_handover.replace("*/*", "<origin>/<vehicle>"): encodings.VEHICLE_STATE,
         keys.handling: encodings.HANDLINGS_JSON,
         keys.alerts: encodings.EVENTS_JSON,
         keys.pairs: encodings.PAIR_STATES_JSON,

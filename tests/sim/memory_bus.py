@@ -77,6 +77,9 @@ class MemoryBus:
     def next_query(self) -> MemoryQuery | None:
         return self.queries.popleft() if self.queries else None
 
+    def handovers(self) -> list[tuple[str, bytes]]:
+        return []
+
     def unsubscribe(self) -> None:
         self.subscribed = False
 

@@ -6,6 +6,7 @@ from headway.core.engine import Engine
 from headway.edge.cells.cell_engines import CellEngines
 from headway.edge.clock import Clock
 from headway.edge.codec.decoder import Codec
+from headway.edge.handover import Handover
 from headway.edge.identity import Identity
 from headway.edge.message_history import MessageHistory
 from headway.edge.storage.persistence import Persistence
@@ -35,3 +36,5 @@ class ServiceContext:
     alarm_budget_per_hour: float
     persistence: Persistence | None = None
     """None: neither journal nor snapshot."""
+    handover: Handover | None = None
+    """None: no vehicle goes to another site, or comes from one."""

@@ -97,6 +97,11 @@ class EventUpdates:
             updates += map(self._number, self._summaries(now_ns, timing))
         return updates
 
+    def release(self, event_ids: Iterable[str]) -> None:
+        """Leave open events to another service, which continues and ends them."""
+        for event_id in event_ids:
+            self._open.pop(event_id, None)
+
     def end_others(self, known: Container[str], now_us: int) -> list[EventUpdate]:
         """Return the ends of the open events that are not among the known ids."""
         end = {"phase": Phase.CLEARED, "detected_us": now_us, "evidence": None}

@@ -9,17 +9,19 @@ from typing import Final
 import numpy as np
 import structlog
 
-from headway.core.types.batch import F64
+from headway.core.types.batch import F64, Batch
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import StepResult
 from headway.edge.codec.decoded import Decoded
 from headway.edge.codec.messages import DETAILS, Timing, encode, rejected_copy
 from headway.edge.context import ServiceContext
 from headway.edge.event_updates import EventUpdates
+from headway.edge.handover import Handover
 from headway.edge.storage.journal import EventUpdate, Resumed
 from headway.edge.telemetry.reporter import Reporter
 from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway.edge.transport.ports import Channel
+from headway_schemas.keys import Keys
 
 _log: Final = structlog.get_logger(__name__)
 _WARMING: Final = np.uint8(Outcome.WARMING)
@@ -73,6 +75,7 @@ class ServiceLoop:
         self._latencies = context.latencies
         self._history = context.history
         self._persistence = context.persistence
+        self._handover = context.handover
         self._reporter = reporter
         self._tick_ns = self._iteration_ns = self._collected_ns = self._copies_ns = clock.monotonic_ns()
         self._open_ns = self._tick_ns
@@ -158,7 +161,11 @@ class ServiceLoop:
         decoded = self._codec.decode(messages, clock_offset_us)
         self._history.add(messages, decoded, clock_offset_us)
         decoded_ns = self._clock.monotonic_ns()
-        result = self._engine.step(decoded.batch, self._received_until_us(messages, drained_us), clock_offset_us)
+        until_us = self._received_until_us(messages, drained_us)
+        if self._handover is None:
+            result = self._engine.step(decoded.batch, until_us, clock_offset_us)
+        else:
+            result = self._step_with_neighbours(self._handover, decoded.batch, until_us, clock_offset_us)
         detected_ns = self._clock.monotonic_ns()
         for failure in result.failures:
             _log.error("detector failed; these vehicles start again", error=failure.error, records=failure.records)
@@ -170,6 +177,19 @@ class ServiceLoop:
         publish_us = (self._clock.monotonic_ns() - detected_ns) / 1e3
         ages_us: F64 = (drained_us + clock_offset_us + decode_us + detect_us) - decoded.batch.t_us.astype(np.float64)
         self._latencies.record(_waits_us(decoded, messages, drained_ns), ages_us, decode_us, detect_us, publish_us)
+
+    def _step_with_neighbours(
+        self, handover: Handover, batch: Batch, until_us: int, clock_offset_us: int
+    ) -> StepResult:
+        """Take up vehicles from other sites, send those that go to one, and step."""
+        for key, payload in self._bus.handovers():
+            handover.receive(key.split("/")[-2], payload, until_us, clock_offset_us)
+        handed = handover.before_step(batch, until_us, clock_offset_us)
+        for site, vehicle, payload in handed.states:
+            key = Keys(self._keys.prefix, site).handover(self._identity.site, vehicle)
+            self._bus.publish(Channel.HANDOVER, key, payload)
+        self._event_updates.release(handed.event_ids)
+        return handover.engine.step(batch, until_us, clock_offset_us, owned=handed.owned)
 
     def _received_until_us(self, messages: list[ReceivedMessage], drained_us: int) -> int:
         """Return the time until which every message has reached the engine, which is its time for silence.

@@ -4,6 +4,7 @@ import os
 import signal
 import sys
 import threading
+import tomllib
 from pathlib import Path
 
 import structlog
@@ -18,6 +19,7 @@ from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
 from headway.edge.codec.messages import encode
 from headway.edge.context import ServiceContext
+from headway.edge.handover import Handover, HandoverConfig
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
 from headway.edge.message_history import MessageHistory
@@ -103,6 +105,7 @@ def serve(loaded: Loaded) -> None:
         queue_limit=settings.queue_limit,
         alarm_budget_per_hour=settings.alarm_budget_per_hour,
         persistence=persistence,
+        handover=_handover(settings, identity, engine),
     )
     manager = ServiceManager(clock, os.environ)
 
@@ -164,6 +167,17 @@ def _engine(settings: Settings, identity: Identity, clock: SystemClock, health: 
     return CellEngines(starts, Lattice(workers, settings.cell_m, 2.0 * settings.pairing_range_m), health)
 
 
+def _handover(settings: Settings, identity: Identity, engine: Engine | CellEngines) -> Handover | None:
+    if settings.handover is None or isinstance(engine, CellEngines):
+        return None
+    try:
+        config = HandoverConfig.model_validate(tomllib.loads(settings.handover.read_text(encoding="utf-8")))
+    except (OSError, ValueError) as error:
+        first = str(error).splitlines()
+        raise UserError(f"handover {settings.handover}: {' '.join(first[:3])}") from None
+    return Handover(config, settings.detector(), identity, engine)
+
+
 def _http(settings: Settings, metrics: Metrics, health: HealthState) -> HttpServer:
     try:
         return HttpServer(
@@ -202,6 +216,7 @@ def _bus_config(loaded: Loaded) -> BusConfig:
         alert_limit=settings.alert_queue_limit,
         payload_max_bytes=settings.payload_bytes_limit,
         history=settings.state_dir is not None,
+        handover=settings.handover is not None,
     )
 
 

@@ -17,6 +17,7 @@ from prometheus_client.registry import Collector
 from headway.core.types.outcome import Outcome
 from headway.edge.cells.cell_engines import CellEngines
 from headway.edge.context import ServiceContext
+from headway.edge.handover import results
 from headway.edge.storage.journal_format import Reason
 from headway.edge.storage.persistence import Persistence
 from headway.edge.telemetry.latency import EDGES_US, Histogram
@@ -131,6 +132,9 @@ TABLE: Final = (
     Metric("headway_vehicle_capacity", _G, "Most vehicles that may be known.", (), _one(lambda s: s.vehicle_capacity)),
     Metric("headway_engine_restarts_total", _C, "Processes of engines that ended and were started again.", (),
            _of_cells(lambda engines: engines.restarts)),
+    Metric("headway_site_handovers_total", _C, "Vehicles sent to and taken up from other sites, and states refused.",
+           ("result",),
+           lambda s: [((result,), count) for result, count in results(s.handover).items()]),
     Metric("headway_handovers_total", _C, "Vehicles that went from one engine of the site to another.", (),
            _of_cells(lambda engines: engines.handovers)),
     Metric("headway_pairs", _G, "Vehicles with a leader.", (), _one(lambda s: s.engine.pairs)),

@@ -13,6 +13,7 @@ from headway_schemas.encodings import (
     PAIR_STATE_JSON,
     REJECTED_JSON,
     SENSOR_QUALITY_JSON,
+    VEHICLE_STATE,
 )
 
 
@@ -26,6 +27,7 @@ class Channel(Enum):
     REJECTED = REJECTED_JSON
     HEALTH = HEALTH_JSON
     HANDLING = HANDLING_JSON
+    HANDOVER = VEHICLE_STATE
 
 
 class Query(Protocol):
@@ -126,6 +128,10 @@ class Bus(Protocol):
 
     def next_query(self) -> Query | None:
         """Return the oldest query, None if there is none."""
+        ...
+
+    def handovers(self) -> list[tuple[str, bytes]]:
+        """Return the states of vehicles that came since the last call, each with its key."""
         ...
 
     def unsubscribe(self) -> None:

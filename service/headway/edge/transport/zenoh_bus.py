@@ -46,6 +46,8 @@ _TELEMETRY_LIMIT: Final = 20_000
 """Most states, copies and reports that wait to be put."""
 _QUERY_LIMIT: Final = 64
 """Most queries, and most answers, that wait."""
+_HANDOVER_LIMIT: Final = 4_096
+"""Most states of vehicles from other sites that wait; beyond it the oldest is dropped, and its vehicle warms up."""
 _BACKOFF_S: Final = (0.5, 10.0)
 """First and longest pause between two attempts to open."""
 _RECEIVE_BYTES: Final = 64 << 20
@@ -56,6 +58,7 @@ _CLOSED_AFTER_NS: Final = 5_000_000_000
 _PRIORITY: Final = {
     Channel.ALERT: zenoh.Priority.INTERACTIVE_HIGH,
     Channel.HEALTH: zenoh.Priority.DATA_HIGH,
+    Channel.HANDOVER: zenoh.Priority.INTERACTIVE_HIGH,
     Channel.HANDLING: zenoh.Priority.DATA_HIGH,
     Channel.STATE: zenoh.Priority.DATA_LOW,
     Channel.QUALITY: zenoh.Priority.DATA_LOW,
@@ -89,6 +92,7 @@ class ZenohBus:
         self._workers = (self._alerts, self._telemetry, self._answers)
         self._queries: deque[Query] = deque()
         self._queries_dropped = 0
+        self._handovers: deque[tuple[str, bytes]] = deque(maxlen=_HANDOVER_LIMIT)
         self._peers: set[str] = set()
         self._addresses: dict[str, str] = {}
         self._other_services = OtherServices(keys, clock)
@@ -150,6 +154,8 @@ class ZenohBus:
             ),
             session.liveliness().declare_token(keys.liveliness(self._config.instance)),
         ]
+        if self._config.handover:
+            self._declared.append(session.declare_subscriber(keys.every_handover, self._on_handover))
         self._subscriber = session.declare_subscriber(keys.every_bsm, zenoh.handlers.FifoChannel(_INCOMING_LIMIT))
         self._incoming = self._subscriber.handler
         self._first_sample = FirstSample(self._incoming)
@@ -250,6 +256,10 @@ class ZenohBus:
         """Return the oldest query, None if there is none."""
         return self._queries.popleft() if self._queries else None
 
+    def handovers(self) -> list[tuple[str, bytes]]:
+        """Return the states of vehicles that came since the last call, each with its key."""
+        return [self._handovers.popleft() for _ in range(len(self._handovers))]
+
     def unsubscribe(self) -> None:
         """Receive nothing more; what zenoh already buffers is still delivered."""
         if self._subscriber is not None:
@@ -301,6 +311,11 @@ class ZenohBus:
         except zenoh.ZError:  # zenoh buffers nothing after `unsubscribe`
             self._incoming = None
         self._receive_queue.put(messages)
+
+    def _on_handover(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            content = sample.payload.to_bytes()[: self._config.payload_max_bytes]
+            self._handovers.append((str(sample.key_expr), content))
 
     def _query_handler(self, key: str) -> Callable[[zenoh.Query], None]:
         def ask(query: zenoh.Query) -> None:

@@ -37,6 +37,8 @@ class BusConfig:
     """Of a larger payload only the beginning is kept."""
     history: bool = False
     """Whether the service answers queries for the history of events."""
+    handover: bool = False
+    """Whether the service takes up vehicles from other sites."""
 
     def zenoh_config(self) -> zenoh.Config:
         """Return the configuration for zenoh. Raises `BusError`."""
