@@ -139,11 +139,15 @@ def serve(loaded: Loaded) -> None:
                 _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected,
                     sequence_gap_messages=ledger.sequence_gap_messages, left=left)  # fmt: skip
         finally:
-            if persistence is not None:
-                persistence.close()
-            if isinstance(engine, CellEngines):
-                engine.close()
-            bus.close()
+            _close(persistence, engine, bus)
+
+
+def _close(persistence: Persistence | None, engine: Engine | CellEngines, bus: ZenohBus) -> None:
+    if persistence is not None:
+        persistence.close()
+    if isinstance(engine, CellEngines):
+        engine.close()
+    bus.close()
 
 
 def _engine(settings: Settings, identity: Identity, clock: SystemClock, health: HealthState) -> Engine | CellEngines:
