@@ -56,9 +56,9 @@ def scored(service: Service) -> float:
 
 
 class Road:
-    """Cars 25 m apart at 20 m/s over the border of two cells, and what each service publishes of them."""
+    """Cars 25 m apart at the border of two cells, and what each service publishes of them."""
 
-    def __init__(self, services: list[Service]) -> None:
+    def __init__(self, services: list[Service], first_m: float = -100.0, speed_mps: float = 20.0) -> None:
         self.sessions = [session("client", connect=(service.endpoint,)) for service in services]
         self.events: list[list[Event]] = [[] for _ in services]
         for bus, events in zip(self.sessions, self.events, strict=True):
@@ -67,6 +67,7 @@ class Road:
                 lambda sample, into=events: into.append(Event.model_validate_json(sample.payload.to_bytes())),
             )
         self.rng = np.random.default_rng(1)
+        self.first_m, self.speed_mps = first_m, speed_mps
         self.k, self.start_us = 0, time.time_ns() // 1000
 
     def drive(self, seconds: float, shift_m: float = 0.0) -> None:
@@ -74,15 +75,11 @@ class Road:
         for _ in range(round(seconds * 10)):
             t_us = time.time_ns() // 1000
             for car in range(CARS):
-                x_m = (
-                    20e-6 * (t_us - self.start_us)
-                    - 25.0 * car
-                    - 100.0
-                    + self.rng.normal(0.0, 0.02)
-                    + (shift_m if car == 3 else 0.0)
-                )
+                x_m = 1e-6 * self.speed_mps * (t_us - self.start_us) - 25.0 * car + self.first_m
+                x_m += self.rng.normal(0.0, 0.02) + (shift_m if car == 3 else 0.0)
+                v_mps = abs(self.speed_mps + self.rng.normal(0.0, 0.02))
                 bsm = {"v": 1, "id": f"car{car}", "msg_cnt": self.k % 128, "t_us": t_us, "lon": -83.0,
-                       "lat": BORDER_DEG + x_m / 111_083.0, "speed_mps": 20.0 + self.rng.normal(0.0, 0.02),
+                       "lat": BORDER_DEG + x_m / 111_083.0, "speed_mps": v_mps,
                        "heading_deg": 0.0}  # fmt: skip
                 for bus in self.sessions:
                     bus.put(KEYS.bsm(bsm["id"]), msgpack.packb(bsm), encoding=BSM_MSGPACK, congestion_control=BLOCK)
@@ -123,7 +120,7 @@ def test_two_workers_publish_what_one_does_and_an_event_crosses_the_border(servi
 
 def test_a_worker_that_is_killed_starts_again_with_its_vehicles(tmp_path: Path) -> None:
     service = Service(tmp_path, MORE | state(tmp_path) | {"HEADWAY_WORKERS": "2"})
-    road = Road([service])
+    road = Road([service], first_m=87.5, speed_mps=0.0)  # four cars stand on each side
     try:
         road.drive(6.0)
         warming = service.metric("headway_records_total")["warming"]
