@@ -119,7 +119,8 @@ def test_two_workers_publish_what_one_does_and_an_event_crosses_the_border(servi
 
 
 def test_a_worker_that_is_killed_starts_again_with_its_vehicles(tmp_path: Path) -> None:
-    service = Service(tmp_path, MORE | state(tmp_path) | {"HEADWAY_WORKERS": "2"})
+    patient = {"HEADWAY_MAX_GAP_S": "60", "HEADWAY_MAX_AGE_S": "60", "HEADWAY_QUEUE_AGE_LIMIT_S": "60"}
+    service = Service(tmp_path, MORE | patient | state(tmp_path) | {"HEADWAY_WORKERS": "2"})
     road = Road([service], first_m=87.5, speed_mps=0.0)  # four cars stand on each side
     try:
         road.drive(6.0)
