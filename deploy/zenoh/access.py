@@ -28,6 +28,7 @@ PUBLISHED = [
 ]
 ASKED = ["{site}/alerts", "{site}/pairs", "{site}/handling"]
 ALIVE = ["{prefix}/@headway/*"]
+EPOCHS = ["{site}/@headway/*/*"]
 
 # Flow, as the router sees it; messages; keys.
 ROLES = {
@@ -46,7 +47,9 @@ ROLES = {
         ("egress", ["declare_subscriber"], ["{prefix}/*/handover/{own}/*"]),
         ("ingress", ["declare_subscriber"], ["{site}/handover/*/*"]),
         ("egress", ["put"], ["{site}/handover/*/*"]),
-        ("ingress", ["liveliness_token"], ["{prefix}/@headway/{name}"]),
+        ("ingress", ["liveliness_token"], ["{prefix}/@headway/{name}", "{site}/@headway/*/{name}"]),
+        ("ingress", ["declare_liveliness_subscriber", "liveliness_query"], EPOCHS),
+        ("egress", ["liveliness_token"], EPOCHS),
     ],
     "dashboards": [
         ("ingress", ["declare_subscriber"], [*PUBLISHED, "{site}/alert/**"]),

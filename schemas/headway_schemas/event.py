@@ -188,6 +188,8 @@ class Event(Message):
     """The publisher. With `sequence` it names this update."""
     sequence: Annotated[int, Field(ge=1)] | None = None
     """Counts the updates of an instance without a gap; a subscriber that sees a gap asks the history."""
+    epoch: Annotated[int, Field(ge=1)] | None = None
+    """Number of the publisher among the services of its site; a higher one replaces it. Null outside a fleet."""
     count: Annotated[int, Field(ge=1)] = 1
     """Anomalies that this event stands for; above 1 where a suspect has so many that they are summarised."""
     confidence: Share = None

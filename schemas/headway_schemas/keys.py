@@ -100,6 +100,16 @@ class Keys:
         _require_ids(instance)
         return f"{self.prefix}/@headway/{instance}"
 
+    def epoch(self, epoch: int, instance: str) -> str:
+        """Token that exists while this instance holds this epoch of the site."""
+        _require_ids(instance)
+        return f"{self.prefix}/{self.site}/@headway/{epoch}/{instance}"
+
+    @property
+    def every_epoch(self) -> str:
+        """Liveliness subscription to every epoch of the site; the last chunk but one is its number."""
+        return f"{self.prefix}/{self.site}/@headway/*/*"
+
     @property
     def every_bsm(self) -> str:
         """Subscription to every sender of the site; messages below their chunk are received and rejected."""

@@ -108,6 +108,8 @@ class Health(Message):
     """Messages missing by gaps in the counters of the senders (msg_cnt)."""
     histograms_us: Annotated[dict[Label, tuple[tuple[float, int], ...]], Field(default_factory=dict, strict=False)]
     """Records by latency since the start, for each stage: (upper edge of a bucket in microseconds, count)."""
+    epoch: Annotated[int, Field(ge=1)] | None = None
+    """Number of the publisher among the services of its site; a higher one replaces it. Null outside a fleet."""
     cpu_s: Number = None
     """Processor time that the process has used."""
     rss_mb: Number = None

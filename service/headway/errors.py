@@ -10,7 +10,9 @@ _SOURCE_PLACE: Final = re.compile(r" at /\S+\.rs:\d+\.?")
 
 
 class UserError(Exception):
-    """One line: what is wrong and what to do. A command that raises it ends with status 2."""
+    """One line: what is wrong and what to do. A command that raises it ends with its status."""
+
+    status = 2
 
 
 def zenoh_reason(error: Exception) -> str:

@@ -135,6 +135,7 @@ def test_every_topic_is_told_with_its_encoding() -> None:
         keys.alerts: encodings.EVENTS_JSON,
         keys.pairs: encodings.PAIR_STATES_JSON,
         keys.every_liveliness.replace("*", "<instance>"): "",
+        keys.every_epoch.replace("*/*", "<epoch>/<instance>"): "",
         keys.every_bsm.replace("**", "<sender>"): encodings.BSM_MSGPACK,
     }
 

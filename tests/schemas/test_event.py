@@ -50,7 +50,7 @@ def test_the_fields_are_those_of_the_contract() -> None:
     assert list(json.loads(EVENT.model_dump_json())) == [
         "event_id", "phase", "kind", "sensor", "suspect", "leader", "follower", "site", "t_us", "detected_us",
         "onset_us", "nis", "statistic", "gate", "p_value", "innovation", "recovered", "deviation", "latency_us",
-        "model", "config_hash", "instance", "sequence", "count", "confidence", "etsi_target", "observations",
+        "model", "config_hash", "instance", "sequence", "epoch", "count", "confidence", "etsi_target", "observations",
         "evidence",
     ]  # fmt: skip
 

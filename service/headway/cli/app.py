@@ -35,11 +35,12 @@ EXTRAS: Final = {
 
 
 def main() -> None:
-    """Run the command line; end with status 2 and one line when the user can mend it."""
+    """Run the command line; end with one line and the status of the error when the user can mend it."""
+    status = UserError.status
     try:
         app()
     except UserError as error:
-        problem = str(error)
+        problem, status = str(error), error.status
     except ModuleNotFoundError as error:
         if error.name not in EXTRAS:
             raise
@@ -47,7 +48,7 @@ def main() -> None:
     else:
         return
     sys.stderr.write(f"headway: {problem}\n")
-    sys.exit(2)
+    sys.exit(status)
 
 
 def _show_version(wanted: bool) -> None:

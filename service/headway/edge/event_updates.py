@@ -109,7 +109,8 @@ class EventUpdates:
         return [self._number(event.model_copy(update=end)) for event in ended]
 
     def again(self, event: Event) -> EventUpdate:
-        """Return an update that a process before this one may not have published, as it was."""
+        """Return an update as it is, or as a process before this one wrote it and perhaps did not publish it."""
+        event = event.model_copy(update={"epoch": self._identity.epoch})
         return EventUpdate(event, self._keys.alert(event.kind, event.suspect), encode(event))
 
     def _number(self, event: Event) -> EventUpdate:

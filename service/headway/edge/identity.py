@@ -13,5 +13,7 @@ class Identity:
     version: str
     model: str
     config_hash: str
+    epoch: int | None = None
+    """Number of this service among those of its site, in a fleet."""
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     """All that a verdict depends on except the readings: configuration of the detector, `version`, `core` (digest)."""

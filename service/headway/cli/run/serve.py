@@ -19,6 +19,7 @@ from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
 from headway.edge.codec.messages import encode
 from headway.edge.context import ServiceContext
+from headway.edge.fence import Fence
 from headway.edge.handover import Handover, HandoverConfig
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
@@ -70,15 +71,17 @@ def serve(loaded: Loaded) -> None:
         version=version(),
         model=settings.model,
         config_hash=settings.config_hash,
+        epoch=settings.epoch or None,
         parameters=parameters(settings.detector(), version(), core_digest()),
     )
     health, ledger, latencies = HealthState(clock), Ledger(), Latencies()
     codec = Codec(keys, payload_max_bytes=settings.payload_bytes_limit, bundle_max=settings.bundle_limit)
-    age_limit_ns = int(settings.queue_age_limit_s * 1e9)
     receive_queue = ReceiveQueue(
-        settings.queue_limit, settings.queue_bytes_limit, age_limit_ns, codec.records_in, settings.sender_rate_hz
-    )
-    bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue)
+        settings.queue_limit, settings.queue_bytes_limit, int(settings.queue_age_limit_s * 1e9), codec.records_in,
+        settings.sender_rate_hz,
+    )  # fmt: skip
+    fence = _fence(settings, clock)
+    bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue, fence)
     engine = _engine(settings, identity, clock, health)
     persistence = None
     if settings.state_dir is not None:
@@ -89,6 +92,7 @@ def serve(loaded: Loaded) -> None:
             clock,
             lambda update: bus.publish(Channel.ALERT, update.key, update.payload),
             lambda handling: bus.publish(Channel.HANDLING, keys.handled(handling.vehicle), encode(handling)),
+            fence,
         )
     context = ServiceContext(
         identity=identity,
@@ -182,6 +186,12 @@ def _handover(settings: Settings, identity: Identity, engine: Engine | CellEngin
     return Handover(config, settings.detector(), identity, engine)
 
 
+def _fence(settings: Settings, clock: SystemClock) -> Fence | None:
+    if not settings.epoch or settings.state_dir is None:
+        return None
+    return Fence(settings.state_dir / f"{settings.site}.epoch", settings.epoch, settings.lease_s, clock)
+
+
 def _http(settings: Settings, metrics: Metrics, health: HealthState) -> HttpServer:
     try:
         return HttpServer(
@@ -219,6 +229,7 @@ def _bus_config(loaded: Loaded) -> BusConfig:
         block_timeout_s=settings.block_timeout_s,
         alert_limit=settings.alert_queue_limit,
         payload_max_bytes=settings.payload_bytes_limit,
+        lease_s=settings.lease_s if settings.epoch else None,
         history=settings.state_dir is not None,
         handover=settings.handover is not None,
     )

@@ -10,6 +10,7 @@ from typing import Final
 from headway.core.engine import Engine
 from headway.edge.cells.cell_engines import CellEngines, EngineSnapshots
 from headway.edge.clock import Clock
+from headway.edge.fence import Fence
 from headway.edge.identity import Identity
 from headway.edge.storage.handling_store import HandlingQueryable
 from headway.edge.storage.journal import EventUpdate, Journal, Resumed
@@ -45,6 +46,8 @@ class Persistence:
         Publishes one event update after its commit; any thread may call it.
     publish_handling
         Publishes how a person handles a vehicle; another thread calls it.
+    fence
+        Decides who uses the folder in a fleet; a process that hangs would keep a lock.
     """
 
     def __init__(
@@ -55,10 +58,12 @@ class Persistence:
         clock: Clock,
         publish: Callable[[EventUpdate], None],
         publish_handling: Callable[[Handling], None] = lambda _: None,
+        fence: Fence | None = None,
     ) -> None:
         journal = config.folder / JOURNAL_FILE
         self._lock = config.folder / f"{identity.site}-{identity.instance}.lock"
         self._held = ExitStack()
+        self._fence = fence
         self.journal_writer = JournalWriter(
             Journal(
                 journal,
@@ -82,7 +87,7 @@ class Persistence:
     def start(self) -> Resumed:
         """Load the snapshot and start to write; return what the journal says of the process before this one.
 
-        Raises `UserError` while another process of the same site and instance uses the folder.
+        Raises `UserError` while another process of the same site and instance uses the folder, or has a higher epoch.
         """
         self._take_folder()
         self.snapshots.load()
@@ -90,6 +95,9 @@ class Persistence:
 
     def _take_folder(self) -> None:
         """Lock the folder for this site and instance; where it cannot be written, the journal tells so."""
+        if self._fence is not None:
+            self._fence.claim()
+            return
         try:
             self._lock.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
             file = self._held.enter_context(self._lock.open("w"))

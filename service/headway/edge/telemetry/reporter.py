@@ -120,6 +120,7 @@ class Reporter:
         context, identity, ledger, own_mb = self._context, self._identity, self._context.ledger, rss_mb()
         return Health(
             instance=identity.instance,
+            epoch=identity.epoch,
             site=identity.site,
             t_us=context.clock.wall_us(),
             version=identity.version,

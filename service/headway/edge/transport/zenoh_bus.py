@@ -24,6 +24,7 @@ import zenoh
 
 from headway.core.types.outcome import Outcome
 from headway.edge.clock import Clock
+from headway.edge.fence import Fence
 from headway.edge.transport.first_sample import FirstSample
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.other_services import OtherServices
@@ -71,14 +72,22 @@ _log: Final = structlog.get_logger(__name__)
 class ZenohBus:
     """A `ports.Bus` on one zenoh session, which `open` starts.
 
+    Parameters
+    ----------
+    fence
+        The right to publish; None: nobody else has it.
+
     Raises
     ------
     BusError
         zenoh does not accept its configuration.
     """
 
-    def __init__(self, config: BusConfig, keys: Keys, clock: Clock, receive_queue: ReceiveQueue) -> None:
+    def __init__(
+        self, config: BusConfig, keys: Keys, clock: Clock, receive_queue: ReceiveQueue, fence: Fence | None = None
+    ) -> None:
         self._config = config
+        self._fence = fence
         self._keys = keys
         self._clock = clock
         self._receive_queue = receive_queue
@@ -156,9 +165,24 @@ class ZenohBus:
         ]
         if self._config.handover:
             self._declared.append(session.declare_subscriber(keys.every_handover, self._on_handover))
+        if self._fence is not None:
+            self._declared += self._declare_epoch(session, self._fence)
         self._subscriber = session.declare_subscriber(keys.every_bsm, zenoh.handlers.FifoChannel(_INCOMING_LIMIT))
         self._incoming = self._subscriber.handler
         self._first_sample = FirstSample(self._incoming)
+
+    def _declare_epoch(self, session: zenoh.Session, fence: Fence) -> list[Any]:
+        """Show the epoch on the bus and watch those of others."""
+
+        def see(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.PUT:
+                fence.see(int(str(sample.key_expr).split("/")[-2]))
+
+        liveliness = session.liveliness()
+        return [
+            liveliness.declare_token(self._keys.epoch(fence.epoch, self._config.instance)),
+            liveliness.declare_subscriber(self._keys.every_epoch, see, history=True),
+        ]
 
     @property
     def received(self) -> int:
@@ -238,6 +262,8 @@ class ZenohBus:
         congestion = zenoh.CongestionControl.BLOCK if is_blocking else zenoh.CongestionControl.DROP
 
         def put() -> None:
+            if self._fence is not None and not self._fence.permits():
+                return
             if is_alert:
                 self._put_since_ns = self._clock.monotonic_ns()
             try:

@@ -35,6 +35,8 @@ class BusConfig:
     alert_limit: int
     payload_max_bytes: int
     """Of a larger payload only the beginning is kept."""
+    lease_s: float | None = None
+    """A peer that hangs this long is gone; None: zenoh's own."""
     history: bool = False
     """Whether the service answers queries for the history of events."""
     handover: bool = False
@@ -66,6 +68,8 @@ class BusConfig:
         ]
         if self.options is None:
             inserted += [("scouting/multicast/enabled", False), ("scouting/gossip/enabled", False)]
+        if self.lease_s is not None:
+            inserted.append(("transport/link/tx/lease", int(self.lease_s * 1e3)))
         if self.mode is not None:
             inserted.append(("mode", self.mode))
         if self.mode == "client":
