@@ -6,14 +6,17 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import zenoh
 from edge.codec.messages import KEYS
+from sim.clock import FakeClock
 from sim.loopback import free_endpoint, session
 from sim.until import until
 
 from headway.edge.clock import SystemClock
+from headway.edge.fence import LEASE_EXPIRED, Fence
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.ports import Channel
 from headway.edge.transport.receive_queue import ReceiveQueue
@@ -336,3 +339,26 @@ def test_options_of_zenoh_decide_what_the_settings_leave_to_them() -> None:
     bus.close()
     with pytest.raises(BusError, match="zenoh options"):
         bus_of(replace(settings, options="{ moed: 1 }"))
+
+
+def test_a_bus_without_the_right_to_publish_puts_nothing(settings: BusConfig, tmp_path: Path) -> None:
+    clock, reasons, received = FakeClock(), [], []
+    fence = Fence(tmp_path / "site.epoch", 1, 8.0, clock, reasons.append)
+    fence.claim()
+    bus = ZenohBus(settings, KEYS, SystemClock(), ReceiveQueue(100, 1 << 24, 10**12, len, 10**9), fence)
+    assert bus.open(go_on)
+    subscriber = session("client", connect=settings.listen)
+    subscriber.declare_subscriber(KEYS.every_alert, lambda sample: received.append(sample.payload.to_bytes()))
+
+    def publish(payload: bytes) -> list[bytes]:
+        bus.publish(Channel.ALERT, KEYS.alert("bias", "a"), payload)
+        return received
+
+    until(lambda: publish(b"within the lease"))
+    clock.sleep(8.001)
+    publish(b"after it")
+    bus.close()
+    fence.close()
+    subscriber.close()
+    assert set(received) == {b"within the lease"}
+    assert set(reasons) == {LEASE_EXPIRED}
