@@ -137,15 +137,8 @@ class Settings(BaseSettings):
         "",
         pattern=f"^(?:{ID_PATTERN})$",
     )
-    epoch: int = _setting(
-        0,
-        "Number of this service among those of its site in a fleet; a higher one replaces it. 0: no fleet.",
-        ge=0,
-        le=2**53,
-    )
-    lease_s: float = _setting(
-        1.0, "With an epoch: a service that cannot confirm it for this long ends by itself.", "s", ge=0.2, le=60
-    )
+    epoch: int = _setting(0, "Rank of the service in a fleet: the highest of a site judges; 0: none.", ge=0, le=2**53)
+    lease_s: float = _setting(1.0, "With an epoch: one not confirmed for so long ends the service.", "s", ge=0.2, le=60)
     mode: Literal["client", "peer", "router"] = _setting(
         "peer", "`client` joins a router, `peer` accepts clients, `router` also forwards between them."
     )
@@ -259,10 +252,6 @@ class Settings(BaseSettings):
     def _reachable(self) -> Self:
         if self.mode == "client" and not self.connect and self.zenoh_config is None:
             raise ValueError("mode client needs an endpoint in connect, such as tcp/127.0.0.1:7447")
-        return self
-
-    @model_validator(mode="after")
-    def _fenced(self) -> Self:
         if self.epoch and self.state_dir is None:
             raise ValueError("epoch needs state_dir, a folder that every service of the site reaches")
         return self
