@@ -26,12 +26,12 @@ class ServiceManager:
         self._address = f"\0{address[1:]}" if address.startswith("@") else address
         self._interval_ns = int(environment.get("WATCHDOG_USEC", 0)) * 1_000 // _PER_TIMEOUT
         self._due_ns = 0
-        self._is_told_ready = False
+        self._is_ready_sent = False
 
     def tell(self, *, is_ready: bool) -> None:
         """Tell once that messages are received and processed, and as often as the watchdog needs it that it lives."""
-        if is_ready and not self._is_told_ready:
-            self._is_told_ready = True
+        if is_ready and not self._is_ready_sent:
+            self._is_ready_sent = True
             self._notify("READY=1")
         if self._interval_ns and (now_ns := self._clock.monotonic_ns()) >= self._due_ns:
             self._due_ns = now_ns + self._interval_ns
