@@ -1,16 +1,19 @@
 """A vehicle that enters the area of a neighbouring site goes over once, with its event; the rest is refused by name."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
+import pytest
 from core.traffic import LAT_DEG, METRES_PER_DEGREE, Platoon
 
 from headway.core.engine import Engine
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.outcome import Outcome
-from headway.edge.handover import Area, Handed, Handover, HandoverConfig
+from headway.edge.handover import Area, Handed, Handover, HandoverConfig, read_config
 from headway.edge.identity import Identity
+from headway.errors import UserError
 
 CONFIG = DetectorConfig(vehicle_capacity=8)
 BORDER = LAT_DEG + 1120.0 / METRES_PER_DEGREE
@@ -92,3 +95,19 @@ def test_a_state_that_is_repeated_later_is_not_taken_up() -> None:
     north.step(records)
     assert north.handover.results["late"] == 1
     assert north.handover.results["adopted"] == 0
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        ('secret = "too short"\n[neighbours]\n', "secret: String should have at least 16 characters"),
+        ('secret = "of sixteen letters"\n', "neighbours: Field required"),
+        ("secret = of sixteen letters\n", "Invalid value (at line 1, column 10)"),
+    ],
+)
+def test_a_wrong_file_is_one_line_without_the_secret(content: str, problem: str, tmp_path: Path) -> None:
+    file = tmp_path / "neighbours.toml"
+    file.write_text(content)
+    with pytest.raises(UserError) as refused:
+        read_config(file)
+    assert str(refused.value) == f"handover {file}: {problem}"

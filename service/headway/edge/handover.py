@@ -7,14 +7,16 @@ elsewhere, or for another site, is refused. So is one that is older than what th
 """
 
 import hashlib
+import tomllib
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from headway.core.engine import Engine
 from headway.core.types.batch import Batch
@@ -22,6 +24,7 @@ from headway.core.types.config import DetectorConfig
 from headway.core.types.vehicle_state import VehicleState
 from headway.edge.codec.vehicle_state import Refusal, VehicleStateCodec
 from headway.edge.identity import Identity
+from headway.errors import UserError, first_problem
 
 _WAITS_US: Final = 10_000_000
 """A state waits so long for the next message of its vehicle, and a vehicle is sent again after so long."""
@@ -54,6 +57,22 @@ class HandoverConfig(BaseModel):
 
     secret: str = Field(min_length=16)
     neighbours: dict[str, Area]
+
+
+def read_config(file: Path) -> HandoverConfig:
+    """Read the file of a site.
+
+    Raises
+    ------
+    UserError
+        It cannot be read, or is wrong. The secret is not told.
+    """
+    try:
+        return HandoverConfig.model_validate(tomllib.loads(file.read_text(encoding="utf-8")))
+    except ValidationError as error:
+        raise UserError(f"handover {file}: {first_problem(error)}") from None
+    except (OSError, ValueError) as error:
+        raise UserError(f"handover {file}: {error}") from None
 
 
 @dataclass(slots=True)

@@ -4,7 +4,6 @@ import os
 import signal
 import sys
 import threading
-import tomllib
 from pathlib import Path
 
 import structlog
@@ -20,7 +19,7 @@ from headway.edge.codec.evidence import parameters
 from headway.edge.codec.messages import encode
 from headway.edge.context import ServiceContext
 from headway.edge.fence import Fence
-from headway.edge.handover import Handover, HandoverConfig
+from headway.edge.handover import Handover, read_config
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
 from headway.edge.message_history import MessageHistory
@@ -178,12 +177,7 @@ def _engine(settings: Settings, identity: Identity, clock: SystemClock, health: 
 def _handover(settings: Settings, identity: Identity, engine: Engine | CellEngines) -> Handover | None:
     if settings.handover is None or isinstance(engine, CellEngines):
         return None
-    try:
-        config = HandoverConfig.model_validate(tomllib.loads(settings.handover.read_text(encoding="utf-8")))
-    except (OSError, ValueError) as error:
-        first = str(error).splitlines()
-        raise UserError(f"handover {settings.handover}: {' '.join(first[:3])}") from None
-    return Handover(config, settings.detector(), identity, engine)
+    return Handover(read_config(settings.handover), settings.detector(), identity, engine)
 
 
 def _fence(settings: Settings, clock: SystemClock) -> Fence | None:
