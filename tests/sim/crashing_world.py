@@ -3,6 +3,7 @@
 Threads of the journal and of the snapshots have ended their work after each iteration, so a run is the same each time.
 """
 
+import math
 import sqlite3
 import threading
 from collections import Counter
@@ -21,19 +22,32 @@ from headway.edge.storage.journal import Journal
 from headway.edge.transport.ports import Channel
 
 DETECTOR = DetectorConfig(vehicle_capacity=32)
-FAULT_EVERY, FAULT_LASTS, FAULT_MPS = 50, 10, 3.0
+FAULT_EVERY, FAULT_LASTS, FAULT_MPS = 50, 25, 3.0
 DOWN_S = (0.5, 3.0)
 DISK_FULL = sqlite3.OperationalError("database or disk is full")
 DISK_FULL.sqlite_errorcode = sqlite3.SQLITE_FULL
 
 
 class CrashingWorld(SimWorld):
-    """Each second vehicle has a faulty speed for a second, every five seconds."""
+    """Each second vehicle has a faulty speed for half of the time, every five seconds.
 
-    def __init__(self, seed: int, folder: Path, monkeypatch: Any, *, crashes: float = 0.0, disk_faults: float = 0.0):
+    Crashes and faults of the disk are so many each second. Each `fatal_end`-th end of an event is committed and never
+    published, because the process is killed between the two.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        folder: Path,
+        monkeypatch: Any,
+        *,
+        crashes: float = 0.0,
+        disk_faults: float = 0.0,
+        fatal_end: float = math.inf,
+    ) -> None:
         super().__init__(seed, detector=DETECTOR, garbled=0.0, doubled=0.0)
         self._folder, self._crash_rate, self._fault_rate = folder, crashes * ITERATION_S, disk_faults * ITERATION_S
-        self._disk_fails_s = 0.0
+        self._disk_fails_s, self._fatal_end, self._ends, self._is_dead = 0.0, fatal_end, 0, False
         self.crashes = self.torn = self.unheard = 0
         """Processes killed, parts of a snapshot torn, and records that no process received."""
         self.outcomes: Counter[Outcome] = Counter()
@@ -64,15 +78,18 @@ class CrashingWorld(SimWorld):
             self._disk_fails_s = self._rng.uniform(0.5, 3.0)
         is_last = self._rng.random() < self._crash_rate
         if is_last and self._rng.random() < 0.5:
-            self.rig.bus.publish = lambda *_: None  # killed after the commit of what this iteration finds
+            self._is_dead = True  # killed after the commit of what this iteration finds
         self.rig.loop.iterate()
         self._settle()
-        if is_last:
+        if is_last or self._is_dead:
             self._crash()
 
-    def stop(self) -> None:
-        """Drain and close, as after SIGTERM; the disk works."""
-        self._disk_fails_s = 0.0
+    def stop(self, after_s: float) -> None:
+        """Let time pass without vehicles, then drain and close, as after SIGTERM; nothing fails from now on."""
+        self._disk_fails_s, self._fatal_end = 0.0, math.inf
+        for _ in range(round(after_s / 0.1)):
+            self.rig.clock.sleep(0.1)
+            self.rig.loop.iterate()
         self.rig.loop.drain(1.0)
         self.rig.persistence.close()
         self._note()
@@ -84,7 +101,18 @@ class CrashingWorld(SimWorld):
         return record
 
     def _start(self) -> None:
+        self._is_dead = False
         self.rig = Rig(Engine(DETECTOR), state_dir=self._folder, clock=self.rig.clock, queue_limit=100_000)
+        publish = self.rig.bus.publish
+
+        def publish_unless_dead(channel: Channel, key: str, payload: bytes) -> None:
+            if channel is Channel.ALERT and b'"phase":"cleared"' in payload:
+                self._ends += 1
+                self._is_dead |= self._ends % self._fatal_end == 0
+            if not self._is_dead:
+                publish(channel, key, payload)
+
+        self.rig.bus.publish = publish_unless_dead
         self._settle()
 
     def _settle(self) -> None:
@@ -93,6 +121,7 @@ class CrashingWorld(SimWorld):
         until(lambda: writer.waiting == 0 and not any(batch.unpublished for batch in list(writer._unpublished)))
         self.rig.persistence.snapshots._worker.put(done.set)
         done.wait()
+        writer._mark(self.rig.clock.monotonic_ns() - journal_writer.ON_BUS_AFTER_NS)  # as its thread does when idle
 
     def _crash(self) -> None:
         """Kill the process, perhaps while it writes a part of the snapshot, and start another a while later."""

@@ -54,10 +54,7 @@ def lived(seed: int, folder: Path, monkeypatch: pytest.MonkeyPatch, **faults: fl
     """Return a world after some driving, and after all vehicles have left."""
     world = CrashingWorld(seed, folder, monkeypatch, **faults)
     world.drive(VEHICLES, SECONDS)
-    for _ in range(round(EVICTED_S / 0.1)):
-        world.rig.clock.sleep(0.1)
-        world.rig.loop.iterate()
-    world.stop()
+    world.stop(EVICTED_S)
     return world
 
 
@@ -66,9 +63,10 @@ def written(folder: Path) -> list[Event]:
     return [Event.model_validate_json(one) for one in stored]
 
 
+@pytest.mark.parametrize("faults", [{"crashes": 0.15}, {"fatal_end": 5}], ids=["at any time", "between commit and bus"])
 @pytest.mark.parametrize("seed", range(3))
-def test_what_a_killed_process_found_is_published_and_ended(seed: int, tmp_path: Path, monkeypatch) -> None:
-    world = lived(seed, tmp_path, monkeypatch, crashes=0.15)
+def test_what_a_killed_process_found_is_published_and_ended(seed: int, faults, tmp_path: Path, monkeypatch) -> None:
+    world = lived(seed, tmp_path, monkeypatch, **faults)
     assert world.crashes >= 3
     assert world.outcomes.total() == world.records
     phases = {phase: {a["event_id"] for a in world.alerts if a["phase"] == phase} for phase in ("onset", "cleared")}

@@ -234,6 +234,24 @@ def test_what_a_process_left_behind_is_there_for_the_next(path: Path) -> None:
     assert [(event.event_id, event.sequence) for event in resumed.open_events] == [("open", 4)]
 
 
+def test_an_update_in_the_place_of_one_that_was_published_is_not_taken_for_it(path: Path) -> None:
+    writer = journal_at(path)
+    row = writer.write(
+        [update(n, event_id="e", phase=phase, sequence=n) for n, phase in ((1, Phase.ONSET), (2, Phase.UPDATE))]
+    )
+    writer.mark_published(row)
+    assert writer.write([update(3, event_id="e", phase=Phase.CLEARED, sequence=3)]) > row
+    assert [event.sequence for event in writer.resume().unpublished] == [3]
+
+
+def test_nor_is_one_in_a_journal_that_has_become_empty(path: Path) -> None:
+    writer = journal_at(path, days=1.0)
+    writer.mark_published(writer.write([update(1, sequence=1)]))
+    assert writer.prune(2 * DAY_US) == 1
+    writer.write([update(2 * DAY_US, sequence=1)])
+    assert [event.detected_us for event in writer.resume().unpublished] == [2 * DAY_US]
+
+
 def test_a_file_that_was_deleted_is_noticed_and_made_again(path: Path) -> None:
     writer = journal_at(path)
     writer.write([update(1)])

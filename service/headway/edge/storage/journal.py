@@ -268,10 +268,10 @@ class Journal:
 
     def _write(self, db: sqlite3.Connection, update: EventUpdate) -> int:
         event = update.event
+        replaced = []
         if event.phase is not Phase.ONSET:
-            replaced = "SELECT id FROM updates WHERE event_id = ? AND site = ? AND phase = 'update'"
-            for (row,) in db.execute(replaced, (event.event_id, event.site)).fetchall():
-                _delete(db, row)
+            found = "SELECT id FROM updates WHERE event_id = ? AND site = ? AND phase = 'update'"
+            replaced = db.execute(found, (event.event_id, event.site)).fetchall()
         text, _, evidence = update.payload.decode().partition(',"evidence":')
         columns = [getattr(event, name) for name in COLUMNS]
         row = db.execute(INSERT, columns).lastrowid
@@ -284,6 +284,8 @@ class Journal:
             packed = pack((readings + "}").encode()), None if checkpoint is None else pack(checkpoint)
             config = self._config_id(db, event.config_hash, parameters[:-2])
             db.execute("INSERT INTO evidence VALUES (?, ?, ?, ?)", (row, *packed, config))
+        for (earlier,) in replaced:  # only now, so that the row has a higher id
+            _delete(db, earlier)
         return row
 
     def _config_id(self, db: sqlite3.Connection, config_hash: str, parameters: str) -> int:

@@ -60,7 +60,10 @@ COLUMNS: Final = (
     "kind", "sensor", "suspect", "follower", "leader", "model", "config_hash",
 )  # fmt: skip
 """Fields of an event that have columns of their own."""
-INSERT: Final = f"INSERT INTO updates ({', '.join(COLUMNS)}) VALUES ({', '.join('?' * len(COLUMNS))})"  # noqa: S608
+INSERT: Final = f"""INSERT INTO updates (id, {", ".join(COLUMNS)}) SELECT
+    1 + max(coalesce((SELECT max(id) FROM updates), 0), coalesce((SELECT max(update_id) FROM published), 0)),
+    {", ".join("?" * len(COLUMNS))}"""  # noqa: S608
+"""No id is used twice: one that is marked as published would else cover an update that is not."""
 
 
 @unique
