@@ -31,6 +31,8 @@ _PARAMETERS: Final[dict[str, dict[str, Any]]] = {
     "vehicle": {"description": "Id of the vehicle."},
     "reason": {"description": "Why the message was rejected."},
     "instance": {"description": "Id of one running service."},
+    "origin": {"description": "Site that a vehicle comes from."},
+    "epoch": {"description": "Number of the service among those of its site; the highest publishes."},
 }
 _QUERY: Final = {"title": "Query", "description": "Parameters are in the selector.", "payload": {"type": "null"}}
 
@@ -133,6 +135,7 @@ def _asyncapi() -> dict[str, Any]:
         "rejected": _channel(keys.rejected("reason"), "rejected"),
         "health": _channel(keys.health("instance"), "health"),
         "liveliness": _channel(keys.liveliness("instance")),
+        "epoch": _channel(keys.epoch(0, "instance").replace("/0/", "/epoch/")),
         "alerts": _channel(keys.alerts, "query", "events"),
         "pairs": _channel(keys.pairs, "query", "pairStates"),
         "handled": _channel(keys.handled("vehicle"), "handling"),
@@ -157,6 +160,7 @@ def _asyncapi() -> dict[str, Any]:
             "publishHealth": _operation("send", "health", channels),
             "publishHandling": _operation("send", "handled", channels),
             "declareLiveliness": _operation("send", "liveliness", channels),
+            "declareEpoch": _operation("send", "epoch", channels),
             "answerAlerts": _answer("alerts", "events"),
             "answerPairs": _answer("pairs", "pairStates"),
             "answerHandling": _answer("handling", "handlings", "handlingRequest"),

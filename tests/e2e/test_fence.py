@@ -6,11 +6,16 @@ from pathlib import Path
 import pytest
 import zenoh
 from e2e.serving import KEYS, Service, drive
+from faults.harness.processes import Fleet
 from sim.loopback import free_endpoint, session
 from sim.until import until
 
 from headway.edge.fence import LEASE_EXPIRED, REPLACED, SupersededError
+from headway.settings import Settings
 from headway_schemas import Event
+
+CARS = 6
+WARMING_READINGS = Settings().warming_readings
 
 
 class Site:
@@ -18,9 +23,9 @@ class Site:
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
-        self._endpoint = free_endpoint()
-        self.router = session("router", listen=(self._endpoint,))
-        self.car = session("client", connect=(self._endpoint,))
+        self.endpoint = free_endpoint()
+        self.router = session("router", listen=(self.endpoint,))
+        self.car = session("client", connect=(self.endpoint,))
         self.services: list[Service] = []
         self.epochs: list[int | None] = []
         self.held: list[str] = []
@@ -34,12 +39,14 @@ class Site:
         if sample.kind == zenoh.SampleKind.PUT:
             self.held.append(str(sample.key_expr))
 
-    def start(self, epoch: int) -> Service:
+    def start(self, epoch: int, workers: int = 1) -> Service:
         settings = {
+            "HEADWAY_WORKERS": str(workers),
             "HEADWAY_EPOCH": str(epoch),
+            "HEADWAY_LEASE_S": "4",  # the machine may be busy
             "HEADWAY_STATE_DIR": str(self._folder / "state"),
             "HEADWAY_MODE": "client",
-            "HEADWAY_CONNECT": self._endpoint,
+            "HEADWAY_CONNECT": self.endpoint,
         }
         self.services.append(Service(self._folder / str(epoch), settings))
         return self.services[-1]
@@ -64,15 +71,30 @@ def assert_ended(service: Service, *reasons: str) -> None:
     assert service.said("no longer the publisher")[0]["reason"] in reasons
 
 
-def test_an_older_service_ends_and_the_newer_one_knows_its_vehicles(site: Site) -> None:
-    older = site.start(1)
+@pytest.mark.parametrize("workers", [1, 2])
+def test_an_older_service_ends_and_the_newer_one_knows_its_vehicles(site: Site, workers: int) -> None:
+    older = site.start(1, workers)
     site.drive_until_published_by(1)
-    newer = site.start(2)
+    newer = site.start(2, workers)
     assert_ended(older, REPLACED)
     site.drive_until_published_by(2)
     assert site.epochs == sorted(site.epochs)
     assert site.held == [KEYS.epoch(epoch, "i") for epoch in (1, 2)]
     assert newer.said("snapshot")
+    assert newer.stop() == 0
+
+
+def test_each_record_is_judged_by_one_of_the_two(site: Site) -> None:
+    older = site.start(1)
+    with Fleet(site.endpoint, KEYS.site, cars=CARS, seconds=8.0) as fleet:
+        until(lambda: older.judged() > 0)
+        newer = site.start(2)
+        assert_ended(older, REPLACED)
+        sent = sum(fleet.sent().values())
+    [last] = older.said("stopping")
+    until(lambda: last["scored"] + last["warming"] + newer.judged() == sent)
+    assert newer.metric("headway_sequence_gap_messages_total")[""] == 0
+    assert newer.metric("headway_records_total")["warming"] + last["warming"] <= CARS * WARMING_READINGS
     assert newer.stop() == 0
 
 

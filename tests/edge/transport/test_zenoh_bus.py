@@ -343,7 +343,7 @@ def test_options_of_zenoh_decide_what_the_settings_leave_to_them() -> None:
 
 def test_a_bus_without_the_right_to_publish_puts_nothing(settings: BusConfig, tmp_path: Path) -> None:
     clock, reasons, received = FakeClock(), [], []
-    fence = Fence(tmp_path / "site.epoch", 1, 8.0, clock, reasons.append)
+    fence = Fence(tmp_path / "site.epoch", 1, 8.0, clock, lambda: None, reasons.append)
     fence.claim()
     bus = ZenohBus(settings, KEYS, SystemClock(), ReceiveQueue(100, 1 << 24, 10**12, len, 10**9), fence)
     assert bus.open(go_on)
@@ -358,7 +358,7 @@ def test_a_bus_without_the_right_to_publish_puts_nothing(settings: BusConfig, tm
     clock.sleep(8.001)
     publish(b"after it")
     bus.close()
-    fence.close()
+    fence.release()
     subscriber.close()
     assert set(received) == {b"within the lease"}
     assert set(reasons) == {LEASE_EXPIRED}

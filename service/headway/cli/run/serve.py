@@ -1,9 +1,11 @@
 """The service: its parts made and joined, run until it is told to stop, and closed in order."""
 
+import gc
 import os
 import signal
 import sys
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import structlog
@@ -18,7 +20,7 @@ from headway.edge.codec.decoder import Codec
 from headway.edge.codec.evidence import parameters
 from headway.edge.codec.messages import encode
 from headway.edge.context import ServiceContext
-from headway.edge.fence import Fence
+from headway.edge.fence import Fence, SupersededError
 from headway.edge.handover import Handover, read_config
 from headway.edge.identity import Identity
 from headway.edge.loop import LoopConfig, ServiceLoop
@@ -79,7 +81,7 @@ def serve(loaded: Loaded) -> None:
         settings.queue_limit, settings.queue_bytes_limit, int(settings.queue_age_limit_s * 1e9), codec.records_in,
         settings.sender_rate_hz,
     )  # fmt: skip
-    fence = _fence(settings, clock)
+    fence = _fence(settings, clock, stop.set)
     bus = ZenohBus(_bus_config(loaded), keys, clock, receive_queue, fence)
     engine = _engine(settings, identity, clock, health)
     persistence = None
@@ -120,37 +122,53 @@ def serve(loaded: Loaded) -> None:
     metrics = Metrics(context)
     with _http(settings, metrics, health) as http:
         _log.info("starting", version=identity.version, config_hash=identity.config_hash, http_port=http.port)
-        with kernel_cache.alone():
-            kept = kernel_cache.kept()
-            engine.warm_up()
-            codec.warm_up()
-            compiled = kernel_cache.kept() - kept
-        if compiled and not stop.is_set():
-            # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
-            _log.info("starting anew", compiled=compiled)
-            os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
-        release_pages("libllvmlite")  # 68 MB that only compile and load kernels
-        resumed = Resumed() if persistence is None else persistence.start()
+        _warm_up(engine, codec, stop)
         health.warm = True
         try:
             if bus.open(lambda seconds: not stop.wait(seconds)):
-                loop.resume(resumed)
-                _log.info("ready", connect=settings.connect, listen=settings.listen)
-                loop.run(stopping)
-                manager.stopping()
-                left = loop.drain(settings.stop_timeout_s)
-                _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected,
-                    sequence_gap_messages=ledger.sequence_gap_messages, left=left)  # fmt: skip
+                # Messages wait on the bus while a service before this one stops and the snapshot is loaded.
+                resumed = Resumed() if persistence is None else persistence.start()
+                bus.declare_epoch()
+                try:
+                    loop.resume(resumed)
+                    _log.info("ready", connect=settings.connect, listen=settings.listen)
+                    loop.run(stopping)
+                    manager.stopping()
+                    left = loop.drain(settings.stop_timeout_s)
+                    _log.info("stopping", scored=ledger.scored, warming=ledger.warming, rejected=ledger.rejected,
+                        sequence_gap_messages=ledger.sequence_gap_messages, left=left)  # fmt: skip
+                finally:
+                    _write_last(persistence, engine)
         finally:
-            _close(persistence, engine, bus)
+            bus.close()
+    if fence is not None:
+        fence.release()
+    if fence is not None and fence.is_replaced:
+        sys.exit(SupersededError.status)
 
 
-def _close(persistence: Persistence | None, engine: Engine | CellEngines, bus: ZenohBus) -> None:
+def _warm_up(engine: Engine | CellEngines, codec: Codec, stop: threading.Event) -> None:
+    """Load the kernels; where some had to be compiled, start the process anew."""
+    with kernel_cache.alone():
+        kept = kernel_cache.kept()
+        engine.warm_up()
+        codec.warm_up()
+        compiled = kernel_cache.kept() - kept
+    if compiled and not stop.is_set():
+        # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
+        _log.info("starting anew", compiled=compiled)
+        os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
+    release_pages("libllvmlite")  # 68 MB that only compile and load kernels
+    gc.collect()  # a tenth of a second, before a lease runs
+    gc.freeze()
+
+
+def _write_last(persistence: Persistence | None, engine: Engine | CellEngines) -> None:
+    """Write the journal and the last snapshot, and end the processes of the engines."""
     if persistence is not None:
         persistence.close()
     if isinstance(engine, CellEngines):
         engine.close()
-    bus.close()
 
 
 def _engine(settings: Settings, identity: Identity, clock: SystemClock, health: HealthState) -> Engine | CellEngines:
@@ -180,10 +198,10 @@ def _handover(settings: Settings, identity: Identity, engine: Engine | CellEngin
     return Handover(read_config(settings.handover), settings.detector(), identity, engine)
 
 
-def _fence(settings: Settings, clock: SystemClock) -> Fence | None:
+def _fence(settings: Settings, clock: SystemClock, replaced: Callable[[], None]) -> Fence | None:
     if not settings.epoch or settings.state_dir is None:
         return None
-    return Fence(settings.state_dir / f"{settings.site}.epoch", settings.epoch, settings.lease_s, clock)
+    return Fence(settings.state_dir / f"{settings.site}.epoch", settings.epoch, settings.lease_s, clock, replaced)
 
 
 def _http(settings: Settings, metrics: Metrics, health: HealthState) -> HttpServer:

@@ -163,7 +163,7 @@ class EngineSnapshots:
     def tick(self, now_ns: int) -> None:
         """Do nothing."""
 
-    def close(self) -> None:
+    def close(self, *, sync: bool) -> None:
         """Do nothing: `CellEngines.close` takes the last ones."""
 
     @property

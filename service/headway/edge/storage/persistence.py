@@ -144,5 +144,6 @@ class Persistence:
         self.journal_writer.close(_CLOSE_S)
         self._history.close()
         self._handling.close()
-        self.snapshots.close()
+        # The service that waits for this one reads what the system has, and need not wait for the disk.
+        self.snapshots.close(sync=self._fence is None or not self._fence.is_replaced)
         self._held.close()

@@ -129,15 +129,15 @@ class Snapshots:
         _log.info("snapshot loaded", vehicles=vehicles, of=len(snapshot.ids))
         return vehicles
 
-    def close(self) -> None:
-        """Write a last snapshot; the engine must not step meanwhile."""
-        self._worker.put(self._write_all)
+    def close(self, *, sync: bool = True) -> None:
+        """Write a last snapshot, to the disk with `sync`; the engine must not step meanwhile."""
+        self._worker.put(lambda: self._write_all(sync=sync))
         self._worker.close(_CLOSE_S)
 
-    def _write_all(self) -> None:
+    def _write_all(self, *, sync: bool) -> None:
         offset_us = self._clock.wall_us() - self._clock.local_us()
         for place in range(_PARTS):
-            self._write(place, self._engine.snapshot(_PARTS, place), offset_us, last=True)
+            self._write(place, self._engine.snapshot(_PARTS, place), offset_us, last=sync)
 
     def _write(self, place: int, part: Snapshot, offset_us: int, *, last: bool = False) -> None:
         """Write a part over the one before, in one call."""

@@ -156,32 +156,31 @@ class ZenohBus:
             self._watch_subscribers(session, Channel.QUALITY, keys.every_quality),
             self._watch_subscribers(session, Channel.REJECTED, keys.every_rejected),
             *(session.declare_queryable(key, self._query_handler(key)) for key in self._queryables),
-            session.declare_subscriber(
-                keys.every_health,
-                lambda sample: self._other_services.report(str(sample.key_expr)),
-                allowed_origin=zenoh.Locality.REMOTE,
-            ),
             session.liveliness().declare_token(keys.liveliness(self._config.instance)),
         ]
+        if self._fence is None:  # which would end one of them
+            report, remote = self._other_services.report, zenoh.Locality.REMOTE
+            self._declared.append(
+                session.declare_subscriber(
+                    keys.every_health, lambda of: report(str(of.key_expr)), allowed_origin=remote
+                )
+            )
         if self._config.handover:
             self._declared.append(session.declare_subscriber(keys.every_handover, self._on_handover))
-        if self._fence is not None:
-            self._declared += self._declare_epoch(session, self._fence)
         self._subscriber = session.declare_subscriber(keys.every_bsm, zenoh.handlers.FifoChannel(_INCOMING_LIMIT))
         self._incoming = self._subscriber.handler
         self._first_sample = FirstSample(self._incoming)
 
-    def _declare_epoch(self, session: zenoh.Session, fence: Fence) -> list[Any]:
-        """Show the epoch on the bus and watch those of others."""
-
-        def see(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.PUT:
-                fence.see(int(str(sample.key_expr).split("/")[-2]))
-
-        liveliness = session.liveliness()
-        return [
-            liveliness.declare_token(self._keys.epoch(fence.epoch, self._config.instance)),
-            liveliness.declare_subscriber(self._keys.every_epoch, see, history=True),
+    def declare_epoch(self) -> None:
+        """Show the epoch that the fence holds, and watch those of others."""
+        if self._fence is None or self._session is None:
+            return
+        see, liveliness = self._fence.see, self._session.liveliness()
+        self._declared += [
+            liveliness.declare_token(self._keys.epoch(self._fence.epoch, self._config.instance)),
+            liveliness.declare_subscriber(
+                self._keys.every_epoch, lambda of: see(int(str(of.key_expr).split("/")[-2])), history=True
+            ),
         ]
 
     @property
