@@ -7,7 +7,7 @@ from sim.rig import IDENTITY, KEYS
 from headway.core.types.records import Kind
 from headway.core.types.step_result import Phase
 from headway.edge.codec.messages import Timing
-from headway.edge.event_updates import QUIET_NS, EventUpdates
+from headway.edge.event_updates import AT_ONCE, QUIET_NS, EventUpdates
 from headway.edge.message_history import MessageHistory
 
 S = 1_000_000_000
@@ -111,3 +111,15 @@ def test_a_summary_ends_although_its_vehicle_left_without_an_end(updates) -> Non
     [end] = of(updates, 3.0 + QUIET_NS / S)
     assert (end.event_id, end.phase, end.count) == (f"car1-{BURST}", Phase.CLEARED, 1)
     assert of(updates, 500.0) == []
+
+
+def test_what_waits_goes_before_its_vehicle_and_nothing_ends_before_its_onset(updates) -> None:
+    many = [event(event_id=f"car{n}-5", suspect=f"car{n}") for n in range(2 * AT_ONCE)]
+    assert len(of(updates, 0.0, *many)) == AT_ONCE
+    left = [many[-1].event_id, many[0].event_id]
+    assert updates.end_others(set(), 1) == []
+    assert [update.event.event_id for update in updates.release(left, 0)] == left[:1]
+    assert updates.waiting == AT_ONCE - 1
+    assert [one.suspect for one in of(updates, 0.1)] == [f"car{n}" for n in range(AT_ONCE, 2 * AT_ONCE - 1)]
+    ended = {update.event.event_id for update in updates.end_others(set(), 1)}
+    assert ended == {one.event_id for one in many} - set(left)

@@ -14,6 +14,7 @@ from sim.rig import KEYS, Rig
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Sensor
 from headway.edge.codec.messages import DETAILS
+from headway.edge.event_updates import AT_ONCE, SHARE_AT_ONCE
 from headway.edge.transport.ports import Channel
 from headway_schemas import Event, Health, PairState, RejectedCopy, SensorQuality
 
@@ -43,6 +44,32 @@ def test_without_messages_time_passes_for_the_detector_but_not_in_every_turn() -
     rig = Rig(StubEngine())
     rig.iterate(seconds=1.0, step_s=0.001)
     assert len(rig.engine.batches) == 50
+
+
+def test_onsets_of_all_vehicles_at_once_are_published_over_turns_that_go_on_to_judge() -> None:
+    rig = Rig(StubEngine())
+    rig.engine.events = [event(event_id=f"car{n}-5", suspect=f"car{n}") for n in range(2_000)]
+    each_turn = []
+    while sum(each_turn) < 2_000:
+        rig.bus.deliver(received(record("a"), "a"))
+        before = len(rig.bus.on(Channel.ALERT))
+        assert rig.loop.iterate() == 1
+        each_turn.append(len(rig.bus.on(Channel.ALERT)) - before)
+    assert max(each_turn) == SHARE_AT_ONCE * 2_000
+    assert min(each_turn[:-1]) == AT_ONCE
+    assert len(each_turn) < 2_000 / AT_ONCE
+    assert rig.ledger.scored == len(each_turn)
+    published = [Event.model_validate_json(payload) for _, payload in rig.bus.on(Channel.ALERT)]
+    assert [one.suspect for one in published] == [f"car{n}" for n in range(2_000)]
+    assert [one.sequence for one in published] == list(range(1, 2_001))
+
+
+def test_a_loop_that_stops_publishes_what_waits_first() -> None:
+    rig = Rig(StubEngine())
+    rig.engine.events = [event(event_id=f"car{n}-5", suspect=f"car{n}") for n in range(200)]
+    rig.loop.iterate()
+    rig.loop.drain(timeout_s=1.0)
+    assert len(rig.bus.on(Channel.ALERT)) == 200
 
 
 def test_an_event_goes_to_its_alert_topic_with_the_way_it_took() -> None:

@@ -12,6 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from headway.core.engine import Engine
+from headway.core.pipeline.finiteness import SPEED_MAX_MPS
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
@@ -95,12 +96,14 @@ def _step(beside: Engine, alone: Engine, batch: Batch, now_us: int, outcomes: Co
         Batch(**{name: column[:n] for name, column in _columns(batch).items()}), now_us, out=out_alone
     )
     assert result.failures == [], result.failures
+    assert result.resets == 0, "a filter whose numbers are not finite"
     assert len(result.outcomes) == len(batch)
     assert result.outcomes[:n].tolist() == expected.outcomes.tolist()
     assert out.verdicts[:n].tobytes() == out_alone.verdicts.tobytes(), "an honest car is judged otherwise"
     accepted = np.isin(result.outcomes, [int(outcome) for outcome in _ACCEPTED])
     for name in _FINITE:
         assert np.isfinite(out.verdicts[name][accepted]).all(), f"{name} is not finite"
+    assert (np.abs(out.verdicts["v_mps"][accepted]) < SPEED_MAX_MPS).all(), "an estimate that no vehicle can have"
     outcomes.update(map(Outcome, result.outcomes.tolist()))
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from headway.core.engine import Engine
 from headway.core.estimation.registry import MODELS
+from headway.core.pipeline.finiteness import SPEED_MAX_MPS
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
 from headway.core.types.identifiers import id_column
@@ -122,3 +123,18 @@ def test_a_defect_has_an_outcome_and_the_vehicle_goes_on(monkeypatch) -> None:
     ]
     assert outcomes[0] is Outcome.WARMING
     assert outcomes[-1] is Outcome.SCORED
+
+
+def test_an_estimate_that_no_vehicle_can_have_is_made_again_from_the_reading(monkeypatch) -> None:
+    engine = Engine(DetectorConfig(vehicle_capacity=2))
+    for k in range(40):
+        judged(engine, record(START_US + 100_000 * k, k, 42.0 + 1.5e-5 * k, -83.0, 16.7, 0.0))
+    step_batch = engine._rounds._step_batch
+
+    def run_away(bank, rows, readings, params, verdicts) -> None:
+        step_batch(bank, rows, readings, params, verdicts)
+        verdicts["v_mps"] = -1.1 * SPEED_MAX_MPS
+
+    monkeypatch.setattr(engine._rounds, "_step_batch", run_away)
+    outcome, verdict = judged(engine, record(START_US + 4_000_000, 40, 42.0006, -83.0, 16.7, 0.0))
+    assert (outcome, verdict["restarted"], verdict["v_mps"]) == (Outcome.WARMING, True, 16.7)

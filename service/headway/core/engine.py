@@ -96,7 +96,10 @@ class Engine:
         self._site.reception.ignore_gaps_before(until_us)
 
     def absent_until(self, until_us: int) -> None:
-        """Let no vehicle be silent before local time `until_us`: the service could not receive at all."""
+        """Let no vehicle be silent before local time `until_us`: the service could not receive at all.
+
+        What is learnt of a vehicle is kept, however long that was.
+        """
         self._site.reception.absent_until(until_us)
 
     def states(self, stride: int = 1, phase: int = 0) -> PairStates:

@@ -2,11 +2,15 @@
 
 A suspect publishes its first events one by one. Beyond its quota they are summarised in one event that counts them, so
 that no sender fills the journal or the bus, however often it raises an alarm.
+
+An update costs half a millisecond, most of it for the evidence. So an iteration of the loop makes a bounded number, and
+the others wait for the next: thousands of onsets at once do not hold up detection.
 """
 
-from collections.abc import Container, Iterable, Iterator
+from collections import deque
+from collections.abc import Collection, Container, Iterable, Iterator
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, NamedTuple
 
 from headway.core.types.records import Kind
 from headway.core.types.step_result import AnomalyEvent
@@ -24,6 +28,17 @@ QUIET_NS: Final = 60_000_000_000
 """A summary ends this long after the last update of what it counts, also where a vehicle left and no end followed."""
 _LOOK_EVERY_NS: Final = 1_000_000_000
 """How often summaries are looked at."""
+AT_ONCE: Final = 50
+"""Updates that one iteration makes of events,"""
+SHARE_AT_ONCE: Final = 0.05
+"""or this share of those that wait, if that is more. So a flood of alarms slows the loop down, and few wait."""
+
+
+class _Found(NamedTuple):
+    """What the engine found."""
+
+    event: AnomalyEvent
+    timing: Timing
 
 
 @dataclass(slots=True)
@@ -64,6 +79,7 @@ class EventUpdates:
         self._burst = burst
         self._refill_ns = refill_s * 1e9
         self._suspects: dict[str, _Suspect] = {}
+        self._found: deque[_Found] = deque()
         self._open: dict[str, Event] = {}
         """The newest update of each event that has no end yet, without evidence."""
         self._sequence = 0
@@ -76,6 +92,11 @@ class EventUpdates:
         """Whether any published event has no end yet."""
         return bool(self._open)
 
+    @property
+    def waiting(self) -> int:
+        """Events of which no update is made yet."""
+        return len(self._found)
+
     def adopt(self, events: Iterable[Event]) -> None:
         """Take over events that a process before this one published and did not end."""
         self._open |= {event.event_id: event for event in events}
@@ -85,25 +106,41 @@ class EventUpdates:
         self._sequence = sequence
 
     def of(self, events: Iterable[AnomalyEvent], now_ns: int, timing: Timing) -> list[EventUpdate]:
-        """Return the updates to publish; `now_ns` is monotonic and decides quotas."""
-        updates = []
-        for event in events:
-            if self._admit(event, now_ns, timing):
-                message = event_message(event, self._identity, timing, self._history.of)
-                self._open[event.event_id] = message.model_copy(update={"evidence": None})
-                updates.append(self._number(message))
+        """Take what the engine found; return the updates to publish, of the oldest events that wait.
+
+        `now_ns` is monotonic and decides quotas.
+        """
+        self._found.extend(_Found(event, timing) for event in events)
+        count = min(len(self._found), max(AT_ONCE, round(SHARE_AT_ONCE * len(self._found))))
+        updates = self._updates((self._found.popleft() for _ in range(count)), now_ns)
         if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
             self._looked_ns = now_ns
             updates += map(self._number, self._summaries(now_ns, timing))
         return updates
 
-    def release(self, event_ids: Iterable[str]) -> None:
-        """Leave open events to another service, which continues and ends them."""
+    def _updates(self, found: Iterable[_Found], now_ns: int) -> list[EventUpdate]:
+        updates = []
+        for event, timing in found:
+            if self._admit(event, now_ns, timing):
+                message = event_message(event, self._identity, timing, self._history.of)
+                self._open[event.event_id] = message.model_copy(update={"evidence": None})
+                updates.append(self._number(message))
+        return updates
+
+    def release(self, event_ids: Collection[str], now_ns: int) -> list[EventUpdate]:
+        """Leave open events to another service, which continues and ends them; return what waits of them as updates."""
+        left = [found for found in self._found if found.event.event_id in event_ids]
+        if left:
+            self._found = deque(found for found in self._found if found.event.event_id not in event_ids)
+        updates = self._updates(left, now_ns)
         for event_id in event_ids:
             self._open.pop(event_id, None)
+        return updates
 
     def end_others(self, known: Container[str], now_us: int) -> list[EventUpdate]:
-        """Return the ends of the open events that are not among the known ids."""
+        """Return the ends of the open events that are not among the known ids; none while the ends of others wait."""
+        if self._found:
+            return []
         end = {"phase": Phase.CLEARED, "detected_us": now_us, "evidence": None}
         ended = [event for event_id, event in self._open.items() if event_id not in known]
         return [self._number(event.model_copy(update=end)) for event in ended]

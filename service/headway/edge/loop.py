@@ -127,7 +127,9 @@ class ServiceLoop:
         """Unsubscribe, process what is queued, publish health; return how many messages are left."""
         self._bus.unsubscribe()
         until_ns = self._clock.monotonic_ns() + int(timeout_s * 1e9)
-        while not (self._bus.delivered and self._bus.waiting == 0) and self._clock.monotonic_ns() < until_ns:
+        while (
+            self._event_updates.waiting or not (self._bus.delivered and self._bus.waiting == 0)
+        ) and self._clock.monotonic_ns() < until_ns:
             self._idle(self.iterate())
         self._reporter.publish_health()
         return self._bus.waiting
@@ -136,7 +138,7 @@ class ServiceLoop:
         """Process the messages that wait and do the periodic work that is due; return the number of messages."""
         now_ns = self._iteration_ns = self._clock.monotonic_ns()
         messages = self._bus.drain(self._config.batch_limit, self._config.batch_bytes_limit, now_ns)
-        if messages or now_ns >= self._tick_ns:
+        if messages or self._event_updates.waiting or now_ns >= self._tick_ns:
             self._tick_ns = now_ns + _TICK_NS
             self._detect(messages, now_ns)
         self._check_connection(now_ns)
@@ -188,7 +190,7 @@ class ServiceLoop:
         for site, vehicle, payload in handed.states:
             key = Keys(self._keys.prefix, site).handover(self._identity.site, vehicle)
             self._bus.publish(Channel.HANDOVER, key, payload)
-        self._event_updates.release(handed.event_ids)
+        self._publish(self._event_updates.release(handed.event_ids, self._iteration_ns))
         return handover.engine.step(batch, until_us, clock_offset_us, owned=handed.owned)
 
     def _received_until_us(self, messages: list[ReceivedMessage], drained_us: int) -> int:
@@ -268,7 +270,7 @@ class ServiceLoop:
 
         After a long iteration the pause is shorter, because its batch was large enough.
         """
-        if self._bus.waiting > max(taken, _IDLE_UNLESS_WAITING):
+        if self._bus.waiting > max(taken, _IDLE_UNLESS_WAITING) or self._event_updates.waiting:
             return
         now_ns, pause_s = self._clock.monotonic_ns(), self._config.idle_sleep_s
         if not taken:

@@ -7,6 +7,7 @@ import pytest
 from core.traffic import Platoon, batch
 
 from headway.core.engine import Engine
+from headway.core.estimation.imm.step import KNOWN_WARMING_READINGS
 from headway.core.replay import replay
 from headway.core.types.batch import Batch
 from headway.core.types.config import DetectorConfig
@@ -73,6 +74,44 @@ def test_after_a_short_absence_vehicles_are_known_and_none_is_missed() -> None:
         events += result.events
         assert set(result.outcomes) == {Outcome.SCORED}
     assert [event for event in events if event.kind is Kind.MISS] == []
+
+
+AWAY = 900
+"""Steps, each of 0.1 s: more than `max_gap_s` and `vehicle_ttl_s`."""
+
+
+def test_after_a_long_absence_vehicles_are_judged_within_a_second_by_what_was_learnt_of_them() -> None:
+    platoon, config = Platoon(4), DetectorConfig(vehicle_capacity=16)
+    engine = driven(300, platoon, config)
+    learnt = engine.qualities()
+    platoon.k += AWAY
+    other = Engine(config)
+    other.restore(engine.snapshot(), platoon.t_us)
+    outcomes, events = [], []
+    for k in range(100):
+        result = step(other, platoon.next({"car2": 20.0} if 50 <= k < 60 else None))
+        outcomes.append(set(result.outcomes.tolist()))
+        events += result.events
+        if k == 0:
+            kept = other.qualities()
+    assert outcomes == [{Outcome.WARMING}] * KNOWN_WARMING_READINGS + [{Outcome.SCORED}] * (
+        100 - KNOWN_WARMING_READINGS
+    )
+    assert {(event.suspect, event.phase) for event in events} == {("car2", phase) for phase in Phase}
+    for name in ("position_noise_m", "speed_noise_mps", "speed_scale"):
+        before, after = getattr(learnt.qualities, name), getattr(kept.qualities, name)
+        np.testing.assert_array_equal(after, before)
+
+
+def test_a_vehicle_that_was_away_itself_is_not_known_any_more() -> None:
+    config = DetectorConfig(vehicle_capacity=16, vehicle_ttl_s=1e4)
+    platoon = Platoon(2)
+    engine = driven(100, platoon, config)
+    for k in range(AWAY + 40):
+        result = step(engine, platoon.next(silent={"car1"} if k < AWAY else None))
+        if k >= AWAY:
+            warming = Outcome.WARMING if k < AWAY + config.warming_readings else Outcome.SCORED
+            assert result.outcomes.tolist() == [Outcome.SCORED, warming]
 
 
 def test_a_vehicle_that_falls_silent_after_the_restart_is_missed() -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from headway.core.consistency.pair_tests import PAIR_TEST_VERDICT, step_pair_tests, substitute_rejected
 from headway.core.pipeline.classify import Classified, classify, store
-from headway.core.pipeline.finiteness import reset_not_finite
+from headway.core.pipeline.finiteness import reset_runaways
 from headway.core.pipeline.ingest import Ingested
 from headway.core.pipeline.tables import RoundParams, Tables
 from headway.core.plausibility.checks import combine
@@ -49,7 +49,7 @@ def finalise(
     `received_us` (B,) are the times of reception, all of one slot.
     """
     rows, verdicts = ingested.rows, ingested.verdicts
-    resets = reset_not_finite(tables, ingested, params.model_bytes)
+    resets = reset_runaways(tables, ingested, params.model_bytes)
     combine(tables.plausibility, rows, params.limits, verdicts)
     location_valid = store(tables, ingested, received_us, verdicts)
     extend_path_history(tables.tracks, rows, location_valid, verdicts["v_mps"], verdicts["S"][:, 0, 0])

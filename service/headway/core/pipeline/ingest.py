@@ -48,6 +48,7 @@ def ingest(
     all_rows: I64,
     declared_rows: I64,
     round_places: I64,
+    absent_until_us: int,
     params: RoundParams,
     out_outcomes: NDArray[np.uint8],
 ) -> Ingested:
@@ -55,6 +56,9 @@ def ingest(
 
     `round_places` (w,) are their places in the columns of `batch`, in `all_rows`, `declared_rows` and `out_outcomes`,
     all (B,). The outcome of each rejected record, such as a duplicate, is written.
+
+    A vehicle that starts again after a gap is not known any more. If the service could not receive before
+    `absent_until_us`, the gap says nothing of the vehicle, so the motion model keeps its row and what it has learnt.
     """
     tracks, rows = tables.tracks, all_rows[round_places]
     last_received_us, step_us = np.empty(rows.size, np.int64), np.empty(rows.size, np.int64)
@@ -70,7 +74,8 @@ def ingest(
         if tables.owned[rows[i]]:
             sequence_gaps += advanced.sequence_gap[i]
         if advanced.initialised[i]:
-            tables.bank_bytes[rows[i]] = 0
+            kept_bytes = params.model_bytes if last_received_us[i] < absent_until_us else 0
+            tables.bank_bytes[rows[i], kept_bytes:] = 0
             tables.evidence.counts[rows[i]] = 0
         if advanced.outcome[i] != _SCORED:
             out_outcomes[place] = advanced.outcome[i]

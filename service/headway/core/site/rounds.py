@@ -123,7 +123,10 @@ class RoundProcessor:
     ) -> None:
         """Process the records at `places` of the slot, which are of distinct vehicles; add to `events`."""
         tables, params, model = self._site.tables, self._site.params, self._site.model
-        ingested = self._ingest(tables, slot.columns, rows, declared_rows, places, params, slot.outcomes)
+        absent_until_us = self._site.reception.absent_until_us
+        ingested = self._ingest(
+            tables, slot.columns, rows, declared_rows, places, absent_until_us, params, slot.outcomes
+        )
         self._step_batch(self._filters, ingested.rows, ingested.readings, model.params, ingested.verdicts)
         finalised = self._finalise(tables, ingested, slot.columns.received_us, params, slot.outcomes)
         due = finalised.search_due

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from core.driving import NOISE, drive, run_model
 
-from headway.core.estimation.imm.step import headway_dtype, headway_params, step_batch
+from headway.core.estimation.imm.step import KNOWN_WARMING_READINGS, headway_dtype, headway_params, step_batch
 from headway.core.runtime.rows import readings, verdicts
 from headway.core.types.config import DetectorConfig
 from headway.core.types.records import Kind, Sensor
@@ -87,7 +87,9 @@ def test_a_silence_initialises_the_motion_but_keeps_the_adapted_noise() -> None:
     read["x_m"][500:] += 777.0
     results, bank = run_model(read, max_gap_s=5.0)
     np.testing.assert_array_equal(np.flatnonzero(results["restarted"]), [500])
-    assert results["warming"][500:520].all()
+    assert results["warming"][500 : 500 + KNOWN_WARMING_READINGS].all()
+    assert not results["warming"][500 + KNOWN_WARMING_READINGS :].any()
+    assert not results["anomalous"][500:].any()
     assert results["x_m"][500] == pytest.approx(read["x_m"][500])
     assert bank[0]["noise"]["adapted_readings"] > 600
 

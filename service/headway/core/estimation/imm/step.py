@@ -91,6 +91,8 @@ ADAPT_ABOVE_EARLY = 0.3
 """The same until the noise has settled: a variance that starts too small makes healthy readings doubtful (ADR 0006).
 A doubtful reading that raises no alarm adapts the noise as well. Else a mode of noise would take each large innovation,
 and the noise would stay too small (ADR 0011)."""
+KNOWN_WARMING_READINGS = 5
+"""A row whose noise is known warms up in so many readings after a gap: the acceleration is known by then."""
 HARD_CHANGE_MPS = 1.5
 """Change of speed since the positions that still count, from which an error of the latency looks like a fault. Then
 readings that raise no alarm teach the calibration too (ADR 0011)."""
@@ -100,7 +102,7 @@ def headway_dtype(delay_s: float) -> np.dtype[np.void]:
     """Return the record of one vehicle, whose ring of inputs reaches back `delay_s`."""
     return np.dtype(
         [
-            ("count", "i8"),  # readings; 0: a row that is not initialised
+            ("count", "i8"),  # readings, of those before a gap at most some; 0: a row that is not initialised
             ("t_s", "f8"),  # of the newest reading that the filters have
             ("last_t_s", "f8"),  # of the newest reading
             ("position_unchanged_s", "f8"),  # for how long the newest position has been reported
@@ -177,7 +179,7 @@ WORKSPACE = np.dtype(
 
 @njit(cache=True, error_model="numpy")
 def initialise(row: Any, z: Any, p: HeadwayParams) -> None:
-    """Initialise a row at a reading; adapted noise, response gain and alarm tail are kept."""
+    """Initialise a row at a reading; adapted noise, calibration, response gain and alarm tail are kept."""
     if row.noise.r[Z_POSITION] == 0.0:
         initialise_noise(row.noise, p.noise)
         initialise_calibration(row.calibration, p.calibration)
@@ -191,7 +193,7 @@ def initialise(row: Any, z: Any, p: HeadwayParams) -> None:
     row.observed_s = 0.0
     row.last_reset_s = z.t_s
     row.run_length[:] = 0
-    row.count = 0
+    row.count = min(row.count, max(p.warming_readings - KNOWN_WARMING_READINGS, 0))
 
 
 @njit(cache=True, error_model="numpy")
