@@ -24,6 +24,7 @@ def flipped(content: bytes) -> bytes:
 @pytest.mark.parametrize("damage", [halved, emptied, flipped])
 @pytest.mark.parametrize("ending", ["nbc", "nbi"])
 def test_kernel_cache(start, measured, monkeypatch, tmp_path: Path, ending: str, damage) -> None:
+    start().kill()  # a fresh clone has no kernels yet
     kernels = tmp_path / "kernels"
     shutil.copytree(os.environ["NUMBA_CACHE_DIR"], kernels)
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
