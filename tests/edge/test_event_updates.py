@@ -54,6 +54,13 @@ def test_beyond_its_quota_a_suspect_has_one_event_that_counts(updates) -> None:
     assert of(updates, 200.0) == []
 
 
+def test_the_first_event_beyond_the_quota_is_published_at_once(updates) -> None:
+    for n in range(BURST):
+        of(updates, n / 10, *short(n))
+    [onset] = of(updates, 0.4, *short(BURST))
+    assert (onset.event_id, onset.phase, onset.count) == (f"car1-{BURST}", Phase.ONSET, 1)
+
+
 def test_a_summary_is_of_the_newest_known_kind_and_the_largest_deviation(updates) -> None:
     for n in range(BURST):
         of(updates, n / 10, *short(n))

@@ -83,7 +83,7 @@ class EventUpdates:
         self._open: dict[str, Event] = {}
         """The newest update of each event that has no end yet, without evidence."""
         self._sequence = 0
-        self._looked_ns = 0
+        self._look_ns = 0
         self.summarised = 0
         """Events that were counted in a summary and not published."""
 
@@ -113,8 +113,8 @@ class EventUpdates:
         self._found.extend(_Found(event, timing) for event in events)
         count = min(len(self._found), max(AT_ONCE, round(SHARE_AT_ONCE * len(self._found))))
         updates = self._updates((self._found.popleft() for _ in range(count)), now_ns)
-        if now_ns - self._looked_ns >= _LOOK_EVERY_NS:
-            self._looked_ns = now_ns
+        if now_ns >= self._look_ns:
+            self._look_ns = now_ns + _LOOK_EVERY_NS
             updates += map(self._number, self._summaries(now_ns, timing))
         return updates
 
@@ -187,6 +187,7 @@ class EventUpdates:
         self._note(suspect, event)
         if suspect.summary is None:
             suspect.summary = event_message(event, self._identity, timing, self._history.of)
+            self._look_ns = now_ns  # its onset is an alert like any other
 
     @staticmethod
     def _note(suspect: _Suspect, event: AnomalyEvent) -> None:
