@@ -1,21 +1,27 @@
 """Readers of recordings under fuzz: whatever bytes a file has, each row is a record or refused, and nothing raises."""
 
+import bz2
+import gzip
 import io
 import json
+import lzma
+import zipfile
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import chain
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import NamedTemporaryFile, TemporaryDirectory
 
+import polars as pl
+import zstandard
 from gateways.recordings.made_files import MADE
 
 from headway.core.types.outcome import Outcome
 from headway.gateways.recordings.bsm_lines import read_lines
 from headway.gateways.recordings.columns import read_csv
-from headway.gateways.recordings.formats import BSM, FORMATS, Rows, format_of
-from headway.gateways.recordings.reader import RecordingError, Source, named_errors
+from headway.gateways.recordings.formats import BSM, FORMATS, Located, Rows, format_of, open_recordings
+from headway.gateways.recordings.reader import RecordingError, Row, Source, named_errors
 from headway.gateways.recordings.tables.published import read_mapped
 
 _OUTCOMES = {outcome.label: outcome for outcome in Outcome}
@@ -39,7 +45,10 @@ _SEEDS = {
     "bsm csv": _BSM_CSV,
     "bsm lines": b'{"v":1,"id":"a","msg_cnt":1,"t_us":1700000000000000,"lat":42.3,"lon":-83.7,"speed_mps":13.5}\n' * 3,
 }
-FUZZED = (*_FILES, "columns", *_SEEDS)
+_WHOLE = ("compressed", "parquet")
+"""Files that are opened by their name, so that decompression and polars are under fuzz too."""
+FUZZED = (*_FILES, "columns", *_SEEDS, *_WHOLE)
+_COMPRESSIONS: tuple[Callable[[bytes], bytes], ...] = (gzip.compress, bz2.compress, lzma.compress, zstandard.compress)
 
 
 @cache
@@ -47,6 +56,10 @@ def seeds(word: str) -> list[bytes]:
     """Return the beginnings of valid files of a format."""
     if word in _SEEDS:
         return [_SEEDS[word]]
+    if word == "compressed":
+        return [*(compress(_SEEDS["bsm lines"]) for compress in _COMPRESSIONS), _zipped(_SEEDS["bsm lines"])]
+    if word == "parquet":
+        return [_parquet(_SEEDS[table]) for table in ("bsm csv", "datawsu")]
     with TemporaryDirectory() as folder:
         return [_beginning(Path(folder) / name) for name in _FILES.get(word, ("gnss.csv",))]
 
@@ -63,8 +76,23 @@ def _beginning(path: Path) -> bytes:
     return b"".join(content.splitlines(keepends=True)[: _ROWS + 3])
 
 
+def _zipped(content: bytes) -> bytes:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("a.jsonl", content)
+    return archive.getvalue()
+
+
+def _parquet(content: bytes) -> bytes:
+    file = io.BytesIO()
+    pl.read_csv(content).write_parquet(file)
+    return file.getvalue()
+
+
 def reader_of(word: str) -> Callable[[list[bytes]], Counter[Outcome]]:
     """Return what reads files of a format and counts the outcomes of their rows."""
+    if word in _WHOLE:
+        return lambda inputs: sum((_open(one) for one in inputs), Counter())
     read = read_mapped if word == "columns" else _BSM.get(word) or FORMATS[word].read
     return lambda inputs: sum((_read(read, one) for one in inputs), Counter())
 
@@ -72,15 +100,35 @@ def reader_of(word: str) -> Callable[[list[bytes]], Counter[Outcome]]:
 def _read(read: Rows, content: bytes) -> Counter[Outcome]:
     assert format_of(content[:65_536]) in (None, BSM, *FORMATS)
     source = Source("fuzz", "", io.BufferedReader(io.BytesIO(content)), head=content[:65_536], columns=_MAPPING)
+
+    def rows() -> Iterator[Row]:
+        with named_errors("fuzz"):
+            yield from read(source)
+
+    return _outcomes(rows(), is_typed=read not in _BSM.values())
+
+
+def _open(content: bytes) -> Counter[Outcome]:
+    with NamedTemporaryFile(suffix=".jsonl") as file:
+        file.write(content)
+        file.flush()
+
+        def rows() -> Iterator[Located]:
+            with open_recordings([file.name]) as recordings:
+                yield from chain.from_iterable(recordings.chunks)
+
+        return _outcomes(rows(), is_typed=False)
+
+
+def _outcomes(rows: Iterator[Row] | Iterator[Located], *, is_typed: bool) -> Counter[Outcome]:
     outcomes: Counter[Outcome] = Counter()
     try:
-        with named_errors("fuzz"):
-            for row in read(source):
-                if row.refusal is not None:
-                    outcomes[_OUTCOMES[row.refusal.reason]] += 1
-                elif row.record:
-                    assert read in _BSM.values() or type(row.record["t_us"]) is int
-                    outcomes[Outcome.SCORED] += 1
+        for row in rows:
+            if row.refusal is not None:
+                outcomes[_OUTCOMES[row.refusal.reason]] += 1
+            elif row.record:
+                assert not is_typed or type(row.record["t_us"]) is int
+                outcomes[Outcome.SCORED] += 1
     except RecordingError:
         outcomes[Outcome.MALFORMED] += 1
     return outcomes

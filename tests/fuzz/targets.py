@@ -120,14 +120,18 @@ def _bundles(frames: list[bytes]) -> list[bytes]:
     return [pack([Frame(frame, RECEIVED_US, "10.0.0.7") for frame in frames[:n]]) for n in (1, 2, len(frames))]
 
 
+ENCODED: dict[str, tuple[str, Callable[[], list[bytes]]]] = {
+    encodings.BSM_MSGPACK: ("msgpack", msgpack_seeds),
+    encodings.BSM_JSON: ("json", json_seeds),
+    encodings.J2735_RAW: ("j2735.raw", raw_seeds),
+    encodings.J2735_ODE: ("j2735.ode", ode_seeds),
+    encodings.J2735_UPER: ("j2735 uper", bsm_uper_seeds),
+    encodings.CAM_UPER: ("cam uper", cam_uper_seeds),
+    encodings.CAM_JSON: ("cam json", cam_json_seeds),
+}
+"""Name and seeds of the target of each encoding."""
 TARGETS: dict[str, Target] = {
-    "msgpack": codec(encodings.BSM_MSGPACK, msgpack_seeds),
-    "json": codec(encodings.BSM_JSON, json_seeds),
-    "j2735.raw": codec(encodings.J2735_RAW, raw_seeds),
-    "j2735.ode": codec(encodings.J2735_ODE, ode_seeds),
-    "j2735 uper": codec(encodings.J2735_UPER, bsm_uper_seeds),
-    "cam uper": codec(encodings.CAM_UPER, cam_uper_seeds),
-    "cam json": codec(encodings.CAM_JSON, cam_json_seeds),
+    **{name: codec(encoding, seeds_of) for encoding, (name, seeds_of) in ENCODED.items()},
     **{f"file {word}": Target(partial(seeds, word), reader_of(word), at_once=10) for word in FUZZED},
     **{f"engine {model}": engine(model) for model in MODELS},
 }

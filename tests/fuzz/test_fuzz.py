@@ -2,12 +2,20 @@
 
 import pytest
 from fuzz.campaign import Campaign
-from fuzz.targets import TARGETS
+from fuzz.recordings import FUZZED
+from fuzz.targets import ENCODED, TARGETS
 
 from headway.core.types.outcome import Outcome
+from headway.edge.codec.payload import UPER_FEEDS, Reader
+from headway.gateways.recordings.formats import FORMATS
 
 CODECS = [name for name in TARGETS if not name.startswith("engine")]
 ENGINES = [name for name in TARGETS if name.startswith("engine")]
+
+
+def test_each_encoding_and_each_reader_has_a_target() -> None:
+    assert set(ENCODED) == {*Reader(1)._readers, *UPER_FEEDS}
+    assert set(FORMATS) | {"columns", "bsm lines", "bsm csv", "parquet", "compressed"} == set(FUZZED)
 
 
 def test_whatever_bytes_come_each_record_has_one_outcome() -> None:

@@ -145,7 +145,7 @@ def _core_of(message: object, reference_us: int | Refusal) -> _Core | Result:
         node = inner.content
     if not isinstance(node, dict):
         return Refusal(MALFORMED, "no coreData")
-    if _CORE_FIELDS.isdisjoint(node):
+    if _CORE_FIELDS.isdisjoint(node) or "t_us" in node:
         return Refusal(OTHER_MESSAGE, kind_of(node) or kind_of(message) or "no basic safety message")
     return _Core(node, in_message_frame)
 

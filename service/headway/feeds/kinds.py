@@ -29,20 +29,29 @@ _CAM_FIELDS: Final = frozenset(
 )
 _GEOJSON: Final = frozenset({"Feature", "FeatureCollection", "Point", "LineString", "Polygon", "MultiPoint"})
 _ITS_MESSAGES: Final = frozenset({"cam", "cpm", "denm", "mapem", "spatem", "ivim", "srem", "ssem", "vam", "mcm"})
-"""Values of `message_type` or `type` in the JSON of its-client."""
+"""Values of `message_type` or `type` in the JSON of its-client, and names of the body of an ITS message."""
+_WRAPPERS: Final = ("payload", "fields", "message", "data", "MessageFrame", "value")
+_DEPTH_MAX: Final = 8
 
 
 def kind_of(message: object) -> str | None:
     """Return in words what a JSON message is; None if it is unknown. No text of the sender is in it."""
-    if not isinstance(message, Mapping):
-        return None
-    inner = message.get("payload", message.get("fields"))
-    return _kind(message) or (_kind(inner) if isinstance(inner, Mapping) else None)
+    for _ in range(_DEPTH_MAX):
+        if not isinstance(message, Mapping):
+            return None
+        if kind := _kind(message):
+            return kind
+        message = next((message[name] for name in _WRAPPERS if name in message), None)
+    return None
 
 
 def _kind(message: Mapping[str, Any]) -> str | None:
-    name = next((name for name in J2735_NAMES if name in message and name != BSM), None)
+    number = message.get("messageId")
+    name = next(
+        (name for name, known in J2735_NAMES.items() if (name in message or number == known) and name != BSM), None
+    )
     its = next((value for field in ("message_type", "type") if _is_in(value := message.get(field), _ITS_MESSAGES)), "")
+    its = its or next((name for name in _ITS_MESSAGES if name in message), "")
     kind = None
     if name is not None:
         kind = f"a {name}, no basic safety message"

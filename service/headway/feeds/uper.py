@@ -121,6 +121,7 @@ def read_bsms(frames: Sequence[bytes], reference_us: I64) -> UperRecords:
     """
     raw, status, detail = _read(kernel.read_bsm, _BSM, frames)
     refusals = _refusals(_BSM, raw, status, detail, _BSM_MESSAGES)
+    refusals |= _others(frames, status, _Other(kernel.read_cam, _CAM, A_CAM, _ITS_MESSAGES))
     numbers = _si(_BSM, raw)
     sec_mark = raw[_BSM.names.index("time")]
     for i in np.flatnonzero((sec_mark == 65_535) & (status == kernel.READ)).tolist():  # noqa: PLR2004 - unavailable
@@ -138,6 +139,7 @@ def read_cams(frames: Sequence[bytes], reference_us: I64) -> UperRecords:
     """
     raw, status, detail = _read(kernel.read_cam, _CAM, frames)
     refusals = _refusals(_CAM, raw, status, detail, _ITS_MESSAGES)
+    refusals |= _others(frames, status, _Other(kernel.read_bsm, _BSM, _A_BSM, _BSM_MESSAGES))
     numbers = _si(_CAM, raw)
     delta_us = raw[_CAM.names.index("time")] * 1000
     numbers["t_us"] = _nearest_us(delta_us + ITS_EPOCH_US, CAM_PERIOD_US, reference_us)
@@ -200,6 +202,35 @@ _STATUS: Final = {
     kernel.ENCRYPTED: Refusal(OTHER_MESSAGE, "IEEE 1609.2 content that is encrypted or a certificate request"),
     kernel.CUT: Refusal(MALFORMED, "the message is cut"),
 }
+
+
+A_CAM: Final = Refusal(OTHER_MESSAGE, "a CAM: the encoding application/cam;uper reads it")
+_A_BSM: Final = Refusal(OTHER_MESSAGE, f"a {BSM}: the encoding application/j2735;uper reads it")
+_JSON: Final = Refusal(MALFORMED, "JSON, neither octets of PER nor their hex digits")
+
+
+class _Other(NamedTuple):
+    """What a frame may be instead: how that is read and named."""
+
+    read: Any
+    table: _Table
+    itself: Refusal
+    names: dict[int, str]
+
+
+def _others(frames: Sequence[bytes], status: I64, other: _Other) -> dict[int, Refusal]:
+    """Name the frames in which no message was found but that are another message, or JSON."""
+    places = np.flatnonzero(status == kernel.NOT_FOUND).tolist()
+    _, found, detail = _read(other.read, other.table, [frames[i] for i in places])
+    refusals: dict[int, Refusal] = {}
+    for i, what, number in zip(places, found.tolist(), detail.tolist(), strict=True):
+        if what == kernel.READ:
+            refusals[i] = other.itself
+        elif what == kernel.OTHER and number in other.names:
+            refusals[i] = Refusal(OTHER_MESSAGE, other.names[number])
+        elif frames[i].lstrip()[:1] in (b"{", b"["):
+            refusals[i] = _JSON
+    return refusals
 
 
 def _refusals(table: _Table, raw: I64, status: I64, detail: I64, names: dict[int, str]) -> dict[int, Refusal]:

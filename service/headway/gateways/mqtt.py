@@ -20,7 +20,8 @@ from headway_schemas.frames import Frame
 
 PORT: Final = 1883
 _AT_LEAST_ONCE: Final = 1
-_RETRY_S: Final = (1, 10)
+_RETRY_S: Final = (1, 2)
+"""Pause between attempts to connect; a broker without sessions loses what comes in it."""
 _POLL_S: Final = 0.2
 _PUBLISH_S: Final = 5.0
 
@@ -40,6 +41,11 @@ class MqttClient:
         Name of the session at the broker.
     topic
         Below it alerts are published, by the chunks of their key behind the prefix.
+
+    Raises
+    ------
+    UserError
+        The address is none, or a topic is no pattern.
     """
 
     def __init__(
@@ -49,12 +55,17 @@ class MqttClient:
         self._topics = topics
         self._topic = topic
         self.connection = Connection()
+        self._refused = list[str]()
         self._is_known = False
         """Whether the broker has had a session of this client in this run."""
         host, port = host_port(broker, PORT)
+        for pattern in topics:
+            if not _is_pattern(pattern):
+                raise UserError(f"--topic {pattern}: + is a whole level, # the last ones, as in v2x/+/cam/#")
         self._client = paho.Client(CallbackAPIVersion.VERSION2, client_id=client_id, clean_session=False)
         self._client.reconnect_delay_set(*_RETRY_S)
         self._client.on_connect = self._on_connect
+        self._client.on_subscribe = self._on_subscribe
         self._client.on_disconnect = self._on_disconnect
         self._client.on_message = self._on_message
         self._client.connect_async(host, port)
@@ -67,8 +78,10 @@ class MqttClient:
 
     @property
     def problem(self) -> str | None:
-        """Whether the broker is connected."""
-        return None if self.connection.is_up else "no connection to the broker"
+        """Why messages cannot come; None: the broker is connected and has taken the subscriptions."""
+        if not self.connection.is_up:
+            return "no connection to the broker"
+        return f"the broker refuses {', '.join(self._refused)}" if self._refused else None
 
     def run(self, stopping: Callable[[], bool]) -> None:
         """Receive until it is stopped."""
@@ -101,10 +114,19 @@ class MqttClient:
         if self._is_known and self._topics and not flags.session_present:
             self.connection.session_lost()
         self._is_known = True
-        self.connection.up()
         _log.info("broker connected", topics=list(self._topics))
         if self._topics:
             client.subscribe([(topic, _AT_LEAST_ONCE) for topic in self._topics])
+        else:
+            self.connection.up()
+
+    def _on_subscribe(
+        self, _client: paho.Client, _data: object, _id: int, reasons: list[ReasonCode], _properties: object
+    ) -> None:
+        self._refused = [topic for topic, reason in zip(self._topics, reasons, strict=False) if reason.is_failure]
+        if self._refused:
+            _log.warning("broker refuses topics", topics=self._refused)
+        self.connection.up()
 
     def _on_disconnect(
         self, _client: paho.Client, _data: object, _flags: object, reason: ReasonCode, _properties: object
@@ -112,7 +134,17 @@ class MqttClient:
         self.connection.down(str(reason))
 
     def _on_message(self, _client: paho.Client, _data: object, message: paho.MQTTMessage) -> None:
-        self._queue.put([Frame(bytes(message.payload), time.time_ns() // 1000, message.topic)])
+        try:
+            topic = message.topic
+        except UnicodeDecodeError:
+            topic = "not UTF-8"
+        self._queue.put([Frame(bytes(message.payload), time.time_ns() // 1000, topic)])
+
+
+def _is_pattern(topic: str) -> bool:
+    levels = topic.split("/")
+    whole = all(level in {"+", "#"} or not {"+", "#"} & set(level) for level in levels)
+    return bool(topic) and whole and "#" not in levels[:-1]
 
 
 def host_port(address: str, default: int) -> tuple[str, int]:

@@ -1,12 +1,15 @@
 """Every format, every compression: the records are the numbers of the file, and nothing else."""
 
+import bz2
 import gzip
 import json
+import lzma
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import polars as pl
 import pytest
 import zstandard
 from gateways.recordings.made_files import (
@@ -71,9 +74,12 @@ COMPRESSIONS: list[tuple[str, Callable[[bytes, Path], object]]] = [
     ("a.CSV.GZ", lambda content, path: path.write_bytes(gzip.compress(content))),
     ("a.csv.zst", lambda content, path: path.write_bytes(zstandard.compress(content))),
     ("a.zip", zipped),
+    ("a.csv.bz2", lambda content, path: path.write_bytes(bz2.compress(content))),
+    ("a.csv.xz", lambda content, path: path.write_bytes(lzma.compress(content))),
     ("a.csv", lambda content, path: path.write_bytes(b"\xef\xbb\xbf" + content.replace(b"\n", b"\r\n"))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(b"\n", b"\r"))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(b",", b";"))),
+    ("a.csv", lambda content, path: path.write_bytes(content.replace(b",", b";").replace(b".", b","))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(b"GenTime", b"Gentime"))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(BSM_P1_HEADER.encode() + b"\n", b""))),
     ("a.csv", lambda content, path: path.write_bytes(content.replace(b"\n", b",\n"))),
@@ -93,6 +99,48 @@ def test_each_dress_of_a_table_gives_the_same(
     MADE["bsmp1.csv"].write(plain)
     write(plain.read_bytes(), tmp_path / name)
     assert records_of(tmp_path / name) == records_of(plain)
+
+
+def test_a_name_says_nothing_where_the_format_is_named(tmp_path: Path) -> None:
+    record = {"v": 1, "id": "a", "msg_cnt": 1, "t_us": ABSOLUTE_US, "lat": 42.3, "lon": -83.7, "speed_mps": 13.5}
+    table = pl.DataFrame([record])
+    (tmp_path / "a.txt").write_text("\ufeff" + json.dumps(record))
+    (tmp_path / "b.txt").write_text(table.rename(str.upper).write_csv())
+    table.rename(str.upper).write_parquet(tmp_path / "c.txt")
+    assert [records_of(tmp_path / name, form="bsm") for name in ("a.txt", "b.txt", "c.txt")] == [[record]] * 3
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("a.csv", "VehicleId,Time,Lat,Lon,Speed\na,1,42,-83,13\n".encode("utf-16"), "text in UTF-16: save it as UTF-8"),
+        ("a.csv", b"VehicleId,Time,Lat,Lon,Speed\na,1,42,-83,13\n", "a table of your own needs --columns"),
+        ("a.csv.gz", gzip.compress(b""), "empty"),
+        ("a.zip", b"PK\5\6" + bytes(18), "0 files in the archive"),
+        ("a.csv.bz2", bz2.compress(bytes(range(256)) * 99)[:-9], "cut or damaged"),
+        ("a.csv.xz", lzma.compress(bytes(range(256)) * 99)[:-9], "cut or damaged"),
+    ],
+)
+def test_what_is_no_recording_is_one_line(tmp_path: Path, name: str, content: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(RecordingError, match=words):
+        rows_of(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("term", "cell", "words"),
+    [
+        ("t=time", "1700000000000000", "column time: not a time in s"),
+        ("t=time[iso]", "11/14/2023", "column time: not a time of ISO 8601"),
+        ("t=time[ms]", "noon", "column time: not a time in ms"),
+        ("t=0,accel=time", "hard", "column time: not a number"),
+    ],
+)
+def test_a_cell_of_another_kind_is_said_by_what_it_must_be(tmp_path: Path, term: str, cell: str, words: str) -> None:
+    path = tmp_path / "mine.csv"
+    path.write_text(f"Car,Time,Y,X,V,0\na,{cell},1,1,1,1\n")
+    with pytest.raises(RecordingError, match=words):
+        rows_of(path, columns=f"id=car,lat=y,lon=x,speed=v,{term}")
 
 
 @pytest.mark.parametrize("word", ["N/A", "\\N", "NaN", "", "NULL"])

@@ -15,6 +15,7 @@ from headway.edge.transport.message import RejectReason
 from headway.feeds.cam_json import from_cam
 from headway.feeds.j2735_json import from_ode, from_raw, messages_in
 from headway.feeds.json_text import parsed_strictly, without_duplicates
+from headway.feeds.kinds import kind_of
 from headway.feeds.refusal import Refusal, Result
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, WIRE_VERSION
 from headway_schemas.encodings import (
@@ -175,6 +176,8 @@ def _record_or_reason(result: Result) -> list[Any] | RejectReason:
 def record_of(message: Mapping[str, Any]) -> list[Any] | RejectReason:
     """Return the compact record of a map; a `RejectReason` where its fields are not those of version 1."""
     if not _FIELD_SET.issuperset(message):
+        if "t_us" not in message and (kind := kind_of(message)) is not None:
+            return RejectReason(Outcome.OTHER_MESSAGE, kind)
         return shape_reason(message.get("v"), "a field that version 1 does not have")
     record = list(map(message.get, FIELDS))
     leader = record[-1]

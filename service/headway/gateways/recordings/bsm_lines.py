@@ -5,10 +5,9 @@ from collections.abc import Iterator
 from itertools import islice
 from typing import Final
 
-from headway.gateways.recordings.reader import CHUNK, Row, Source
+from headway.gateways.recordings.reader import BOM, CHUNK, Row, Source
 
 _LINE_BYTES_MAX: Final = 65_536
-_BOM: Final = b"\xef\xbb\xbf"
 
 _Line = tuple[int, bytes]
 
@@ -26,7 +25,7 @@ def _lines(source: Source) -> Iterator[_Line]:
         number += 1
         if len(line) > _LINE_BYTES_MAX:
             raise source.error(f"longer than {_LINE_BYTES_MAX} bytes", number)
-        if line := (line.removeprefix(_BOM) if number == 1 else line).strip():
+        if line := (line.removeprefix(BOM) if number == 1 else line).strip():
             yield number, line
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, Final
 
-from headway.gateways.recordings.reader import CHUNK, Record, Row, Source
+from headway.gateways.recordings.reader import CHUNK, Record, Row, Source, parquet_library
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, NEEDED, WIRE_VERSION, Bsm
 
 RECEIVED: Final = "received_us"
@@ -104,7 +104,7 @@ def read_csv(source: Source) -> Iterator[list[Row]]:
     text = io.TextIOWrapper(source.stream, "utf-8-sig", newline="")
     lines = csv.reader(text, strict=True)
     try:
-        header = [name.strip() for name in next(lines, [])]
+        header = [name.strip().lower() for name in next(lines, [])]
         _require(source, header)
         parsers = [_parser(name) for name in header]
         while cells := [(lines.line_num, row) for row in islice(lines, CHUNK) if row]:
@@ -119,14 +119,8 @@ def read_csv(source: Source) -> Iterator[list[Row]]:
 
 def read_parquet(source: Source) -> Iterator[list[Row]]:
     """Read a Parquet file, some row groups at a time."""
-    if source.path is None or source.compressed:
-        raise source.error("Parquet is read from an uncompressed file only")
-    try:
-        import polars as pl  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError:
-        raise source.error("Parquet needs polars: pip install 'headway[recordings]'") from None
-    try:
-        scan = pl.scan_parquet(source.path)
+    with parquet_library(source) as pl:
+        scan = pl.scan_parquet(source.path).rename(str.lower)
         schema = scan.collect_schema()
         _require(source, schema.names())
         for name, dtype in schema.items():
@@ -139,15 +133,13 @@ def read_parquet(source: Source) -> Iterator[list[Row]]:
             records = records_of(columns_of(scan.slice(first, CHUNK * 10).collect()))
             yield [Row(number, record) for number, record in enumerate(records, first + 1)]
             first += len(records)
-    except pl.exceptions.PolarsError as error:
-        raise source.error(error) from None
 
 
 def _require(source: Source, names: Iterable[str]) -> None:
     try:
         require_columns(names)
     except ValueError as error:
-        raise source.error(error) from None
+        raise source.error(f"{error}; a table of your own needs --columns") from None
 
 
 def _cells(

@@ -15,7 +15,9 @@ from headway.gateways.recordings.columns import RECEIVED, read_csv, read_parquet
 from headway.gateways.recordings.messages import cam, ode, pcap, thea, veremi
 from headway.gateways.recordings.order import by_drive
 from headway.gateways.recordings.reader import (
+    BOM,
     CHUNK,
+    PARQUET,
     STANDARD_INPUT,
     Reader,
     Record,
@@ -162,19 +164,23 @@ def _known(name: str) -> str | None:
 def _reader(source: Source, form: str) -> Reader:
     if source.columns is not None:
         return _in_chunks(published.read_mapped)
-    if form == AUTO:
-        form = format_of(source.head) or AUTO
-    if form in FORMATS:
-        return _in_chunks(FORMATS[form].read)
-    if source.path is None:
-        return read_lines if source.head.lstrip()[:1] == b"{" else read_csv
+    word = format_of(source.head) if form == AUTO else form
+    if word is not None and word in FORMATS:
+        return _in_chunks(FORMATS[word].read)
     reader = _BSM_READERS.get(source.ending)
-    if reader is None:
+    if reader is None and form == AUTO and source.path is not None:
         raise source.error(
-            f"no recording by its ending: {', '.join(_BSM_READERS)}, each also with .gz or .zst;"
+            f"no recording by its ending: {', '.join(_BSM_READERS)}, each also compressed;"
             " nor by its content: see --format and --columns"
         )
-    return reader
+    return reader or _bsm_reader(source)
+
+
+def _bsm_reader(source: Source) -> Reader:
+    """Return the reader of BSM v1 for a recording whose name has no ending that says it."""
+    if source.stream.peek(4)[:4] == PARQUET:
+        return read_parquet
+    return read_lines if source.head.lstrip(BOM + b" \t\r\n")[:1] == b"{" else read_csv
 
 
 def recognised(name: str) -> str | None:
@@ -199,7 +205,8 @@ def format_of(head: bytes) -> str | None:
 def _is_bsm(head: bytes) -> bool:
     """Whether the first bytes are of BSM v1, whatever other names are among them."""
     line = head.partition(b"\n")[0]
-    return b'"msg_cnt"' in line or {"msg_cnt", "t_us"} <= set(header_of(head) if line[:1] not in (b"{", b"[") else ())
+    names = header_of(head) if line[:1] not in (b"{", b"[") else ()
+    return b'"msg_cnt"' in line or {"msg_cnt", "t_us"} <= {name.lower() for name in names}
 
 
 def _in_chunks(rows_of: Rows) -> Reader:

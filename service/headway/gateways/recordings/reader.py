@@ -1,7 +1,9 @@
 """What a reader of recordings is given, and what it yields."""
 
+import bz2
 import gzip
 import io
+import lzma
 import sys
 import zipfile
 import zlib
@@ -9,11 +11,14 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Final, NamedTuple, TypeAlias, cast
 
 from headway.feeds.refusal import Refusal
 
 STANDARD_INPUT: Final = "-"
+PARQUET: Final = b"PAR1"
+BOM: Final = b"\xef\xbb\xbf"
 CHUNK: Final = 2_000
 """Records that a reader yields at once."""
 START_US: Final = 946_684_800_000_000
@@ -22,11 +27,15 @@ START_US: Final = 946_684_800_000_000
 Record: TypeAlias = dict[str, Any]
 """A BSM v1 map, not yet validated; `received_us` may say when it was received."""
 
-_COMPRESSED: Final = (".gz", ".zst", ".zip")
-_GZIP: Final = b"\x1f\x8b"
+_COMPRESSED: Final = (".gz", ".zst", ".zip", ".bz2", ".xz")
+_STANDARD: Final[dict[bytes, Callable[[Any], Any]]] = {
+    b"\x1f\x8b": lambda raw: gzip.GzipFile(fileobj=raw), b"BZh": bz2.BZ2File, b"\xfd7zX": lzma.LZMAFile,
+}  # fmt: skip
+"""What the standard library decompresses, by the first bytes."""
 _ZSTD: Final = b"\x28\xb5\x2f\xfd"
-_ZIP: Final = b"PK\x03\x04"
-_PARQUET: Final = b"PAR1"
+_ZIP: Final = (b"PK\x03\x04", b"PK\x05\x06")
+"""An archive with files, and an empty one."""
+_UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _HEAD_BYTES: Final = 65_536
 
 
@@ -103,7 +112,7 @@ class _Rewound(io.RawIOBase):
 
 @contextmanager
 def opened(name: str) -> Iterator[Source]:
-    """Open a file, or standard input for `-`, decompressed when its first bytes say gzip, zstd or zip.
+    """Open a file, or standard input for `-`, decompressed when its first bytes say that it is compressed.
 
     Raises
     ------
@@ -136,7 +145,7 @@ def named_errors(name: str) -> Iterator[None]:
 
 def _decompression_errors() -> tuple[type[Exception], ...]:
     zstandard = sys.modules.get("zstandard")
-    return (EOFError, zlib.error, zipfile.BadZipFile, *([zstandard.ZstdError] if zstandard else []))
+    return (EOFError, zlib.error, lzma.LZMAError, zipfile.BadZipFile, *([zstandard.ZstdError] if zstandard else []))
 
 
 def _source(name: str, path: Path | None, raw: io.BufferedReader) -> Source:
@@ -144,13 +153,15 @@ def _source(name: str, path: Path | None, raw: io.BufferedReader) -> Source:
     head = stream.read(_HEAD_BYTES)
     if not head:
         raise RecordingError(f"{name}: empty")
+    if head.startswith(_UTF_16):
+        raise RecordingError(f"{name}: text in UTF-16: save it as UTF-8")
     rewound = io.BufferedReader(_Rewound(head, stream), _HEAD_BYTES)
     if path is None:
         return Source(name, "", rewound, head=head)
     size = path.stat().st_size
     ending = _ending(path) if inner is None else _ending(Path(inner))
     source = Source(name, ending, rewound, path, stream is not raw, lambda: min(raw.tell() / size, 1.0), head)
-    if head.startswith(_PARQUET) and not source.compressed:
+    if head.startswith(PARQUET) and not source.compressed:
         source.head = _parquet_head(path) or head
     return source
 
@@ -165,6 +176,21 @@ def _parquet_head(path: Path) -> bytes:
         return b""
 
 
+@contextmanager
+def parquet_library(source: Source) -> Iterator[ModuleType]:
+    """Lend polars for a Parquet file, and turn what it raises at a damaged one into a `RecordingError`."""
+    if source.path is None or source.compressed:
+        raise source.error("Parquet is read from an uncompressed file only")
+    try:
+        import polars as pl  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError:
+        raise source.error("Parquet needs polars: pip install 'headway[recordings]'") from None
+    try:
+        yield pl
+    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
+        raise source.error(error) from None
+
+
 def _ending(path: Path) -> str:
     endings = [ending.lower() for ending in path.suffixes]
     if endings and endings[-1] in _COMPRESSED:
@@ -175,15 +201,16 @@ def _ending(path: Path) -> str:
 def _decompressed(name: str, path: Path | None, raw: io.BufferedReader) -> tuple[io.BufferedReader, str | None]:
     """Return the decompressed stream, and the name of the file within an archive."""
     head = raw.peek(4)[:4]
-    if head.startswith(_GZIP):
-        return io.BufferedReader(gzip.GzipFile(fileobj=raw)), None
+    for signature, decompressed in _STANDARD.items():
+        if head.startswith(signature):
+            return io.BufferedReader(decompressed(raw)), None
     if head == _ZSTD:
         try:
             import zstandard  # noqa: PLC0415 - an extra
         except ModuleNotFoundError:
             raise RecordingError(f"{name}: zstd needs zstandard: pip install 'headway[recordings]'") from None
         return io.BufferedReader(zstandard.ZstdDecompressor().stream_reader(raw, read_across_frames=True)), None
-    if head == _ZIP:
+    if head in _ZIP:
         return _unzipped(name, path, raw)
     return raw, None
 
@@ -191,11 +218,11 @@ def _decompressed(name: str, path: Path | None, raw: io.BufferedReader) -> tuple
 def _unzipped(name: str, path: Path | None, raw: io.BufferedReader) -> tuple[io.BufferedReader, str]:
     if path is None:
         raise RecordingError(f"{name}: a zip archive is read from a file only")
-    archive = zipfile.ZipFile(raw)
-    members = [member for member in archive.infolist() if not member.is_dir() and "__MACOSX" not in member.filename]
-    if len(members) != 1:
-        raise RecordingError(f"{name}: {len(members)} files in the archive: unpack it, and name those to be read")
     try:
+        archive = zipfile.ZipFile(raw)
+        members = [member for member in archive.infolist() if not member.is_dir() and "__MACOSX" not in member.filename]
+        if len(members) != 1:
+            raise RecordingError(f"{name}: {len(members)} files in the archive: unpack it, and name those to be read")
         return io.BufferedReader(cast("io.RawIOBase", archive.open(members[0]))), members[0].filename
     except (RuntimeError, NotImplementedError) as error:
         raise RecordingError(f"{name}: {error}") from None

@@ -6,11 +6,10 @@ from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
 from headway.feeds.json_text import parsed
-from headway.gateways.recordings.reader import Source
+from headway.gateways.recordings.reader import BOM, Source
 
 _VALUE_MAX: Final = 1 << 20
 _BLOCK: Final = 1 << 16
-_BOM: Final = b"\xef\xbb\xbf"
 _BETWEEN: Final = " \t\r\n,"
 
 
@@ -31,7 +30,7 @@ NOT_JSON: Final = _NotJson()
 
 def json_values(source: Source) -> Iterator[Value]:
     """Yield the values of a recording; blank lines are left out."""
-    head = source.head.removeprefix(_BOM).lstrip()
+    head = source.head.removeprefix(BOM).lstrip()
     is_spread = head[:1] == b"[" or head.partition(b"\n")[0].strip() == b"{"
     return _elements(source) if is_spread else _lines(source)
 
@@ -45,7 +44,7 @@ def text_lines(source: Source) -> Iterator[tuple[int, bytes | None]]:
             while (rest := source.stream.readline(_VALUE_MAX)) and not rest.endswith(b"\n"):
                 pass
             yield number, None
-        elif line := (line.removeprefix(_BOM) if number == 1 else line).strip():
+        elif line := (line.removeprefix(BOM) if number == 1 else line).strip():
             yield number, line
 
 

@@ -10,7 +10,7 @@ from headway.feeds.cam_json import from_cam
 from headway.feeds.j2735_json import messages_in
 from headway.feeds.json_text import parsed
 from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNREADABLE_TIME, Refusal
-from headway.feeds.uper import NAMES, UperRecords, read_bsms, read_cams
+from headway.feeds.uper import A_CAM, NAMES, UperRecords, read_bsms, read_cams
 from headway.gateways.recordings.message_counts import MessageCounts
 from headway.gateways.recordings.messages.cam import counted
 from headway.gateways.recordings.messages.ode import j2735_record, row_of
@@ -66,18 +66,14 @@ def _decoded(frames: list[Packet], counts: MessageCounts) -> Iterator[Row]:
     payloads = [packet.payload or b"" for packet in frames]
     received_us = np.array([packet.received_us or 0 for packet in frames], np.int64)
     bsms = read_bsms(payloads, received_us)
-    others = [i for i, refusal in bsms.refusals.items() if refusal.reason == MALFORMED]
+    others = [i for i, refusal in bsms.refusals.items() if refusal == A_CAM]
     cams = read_cams([payloads[i] for i in others], received_us[others])
-    places = {i: place for place, i in enumerate(others) if _is_cam(cams, place)}
+    places = {i: place for place, i in enumerate(others)}
     for i, packet in enumerate(frames):
         if i in places:
             yield counted(_row(packet, cams, places[i]), counts)
         else:
             yield _row(packet, bsms, i)
-
-
-def _is_cam(cams: UperRecords, place: int) -> bool:
-    return place not in cams.refusals or cams.refusals[place].reason != MALFORMED
 
 
 def _row(packet: Packet, read: UperRecords, place: int) -> Row:

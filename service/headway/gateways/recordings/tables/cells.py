@@ -7,12 +7,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
-from headway.gateways.recordings.reader import Source
+from headway.gateways.recordings.reader import PARQUET, Source, parquet_library
 
 _NOT_GIVEN: Final = frozenset({"", "n/a", "na", "nan", "null", "none", "\\n", "-"})
 _DELIMITERS: Final = ",;\t|"
 _LINE_END: Final = re.compile(r"[\r\n]")
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+"""A number as spreadsheets of continental Europe write it, beside semicolons."""
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_.-]")
 _ID_MAX: Final = 64
 _CELL_MAX: Final = 1_000_000
@@ -50,7 +52,7 @@ def table_rows(source: Source) -> Iterator[TableRow]:
 
     A row of CSV that cannot be taken apart comes without cells.
     """
-    if source.path is not None and not source.compressed and source.stream.peek(4)[:4] == b"PAR1":
+    if source.path is not None and not source.compressed and source.stream.peek(4)[:4] == PARQUET:
         yield from _parquet_rows(source)
         return
     csv.field_size_limit(_CELL_MAX)
@@ -65,6 +67,8 @@ def table_rows(source: Source) -> Iterator[TableRow]:
                 return
             except csv.Error:
                 cells = [""]
+            if delimiter == ";":
+                cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
             if cells:
                 yield TableRow(lines.line_num, cells)
     finally:
@@ -72,20 +76,14 @@ def table_rows(source: Source) -> Iterator[TableRow]:
 
 
 def _parquet_rows(source: Source) -> Iterator[TableRow]:
-    try:
-        import polars as pl  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError:
-        raise source.error("Parquet needs polars: pip install 'headway[recordings]'") from None
-    try:
-        scan = pl.scan_parquet(source.path or "")
+    with parquet_library(source) as pl:
+        scan = pl.scan_parquet(source.path)
         yield TableRow(1, scan.collect_schema().names())
         count = scan.select(pl.len()).collect().item()
         for first in range(0, count, _ROWS_AT_ONCE):
             source.share = lambda first=first: first / count  # type: ignore[misc]
             rows = scan.slice(first, _ROWS_AT_ONCE).collect().iter_rows()
             yield from (TableRow(number, cells) for number, cells in enumerate(rows, first + 2))
-    except pl.exceptions.PolarsError as error:
-        raise source.error(error) from None
 
 
 def number(cell: Any) -> float | int | None:

@@ -21,6 +21,7 @@ from headway.gateways.recordings.local_plane import ORIGIN, Origin, course_deg
 from headway.gateways.recordings.reader import Record, Row
 from headway.gateways.recordings.tables.cells import CUT_ROW, TableRow, identifier, number
 from headway_schemas.bsm import WIRE_VERSION
+from headway_schemas.fields import T_US_MAX
 
 NEEDED: Final = ("id", "t")
 _READINGS: Final = ("t", "lat", "lon", "x", "y", "speed", "vx", "vy")
@@ -189,13 +190,15 @@ class _Cell:
 
     place: int
     column: str
+    kind: str
+    """What a cell must hold, in words."""
     convert: Callable[[Any], Any]
 
     def value(self, cells: Sequence[Any]) -> Any:
         try:
             return self.convert(cells[self.place])
         except (ValueError, OverflowError):
-            raise _CellError(Refusal(MALFORMED, f"column {self.column}: not a value of its kind")) from None
+            raise _CellError(Refusal(MALFORMED, f"column {self.column}: not {self.kind}")) from None
 
 
 class TableReader:
@@ -218,7 +221,12 @@ class TableReader:
             if name in mapping.terms
         }
         self._cells = {
-            name: _Cell(places[term.columns[0].lower()], term.columns[0], _converter(name, term.unit, mapping))
+            name: _Cell(
+                places[term.columns[0].lower()],
+                term.columns[0],
+                _kind(name, term.unit),
+                _converter(name, term.unit, mapping),
+            )
             for name, term in mapping.terms.items()
             if name not in _TEXT
         }
@@ -309,6 +317,12 @@ def _whole(value: float) -> Any:
     return int(value) if float(value).is_integer() else value
 
 
+def _kind(name: str, unit: str) -> str:
+    if name in ("t", "received"):
+        return "a time of ISO 8601" if unit == _ISO else f"a time in {unit or 's'}"
+    return "a number"
+
+
 def _converter(name: str, unit: str, mapping: ColumnMapping) -> Callable[[Any], Any]:
     if name in ("t", "received"):
         return _time_us if unit == _ISO else _timer(unit)
@@ -336,6 +350,8 @@ def _timer(unit: str) -> Callable[[Any], int | None]:
             return None
         # A table with more than microseconds is exact: Unix time in nanoseconds does not fit a double.
         us = value * scale.numerator // scale.denominator if isinstance(value, int) else round(value * float(scale))
+        if epoch_us + us > T_US_MAX:
+            raise ValueError(us)
         return epoch_us + us
 
     return convert
