@@ -6,7 +6,7 @@ FUZZ_RECORDS ?= inf
 FUZZ_INPUTS ?= inf
 FUZZ_TARGET ?= json
 
-.PHONY: help venv demo test check check-deploy docs bench soak faults fuzz fuzz-coverage sbom performance browser image unit wheels wheel format clean
+.PHONY: help venv demo test check check-deploy docs bench soak faults fleet fuzz fuzz-coverage sbom performance browser image unit wheels wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -54,6 +54,9 @@ soak: venv  ## ten minutes of rotating identifiers: memory must stay flat
 
 faults: venv  ## processes killed, stopped and flooded over real zenoh: half an hour
 	$(BIN)/python -m pytest tests/faults -m faults
+
+fleet: venv  ## 8 sites on 3 nodes of a Ray cluster on this machine: killed, stopped, drained, replaced; some minutes
+	PYTHONPATH=tests $(BIN)/python -m pytest tests/fleet/cluster -m fleet
 
 fuzz: venv  ## mutated messages and adversarial drives through codec and engine, for FUZZ_SECONDS (an hour)
 	PYTHONPATH=tests $(BIN)/python tests/fuzz/campaign.py --seconds $(FUZZ_SECONDS) --records $(FUZZ_RECORDS) --inputs $(FUZZ_INPUTS)

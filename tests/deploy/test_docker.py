@@ -80,7 +80,7 @@ def test_kernels_are_compiled_as_they_are_run() -> None:
     for name in ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
         assert building[name] == environment()[name]
     assert f"cp -R {building['NUMBA_CACHE_DIR']}/." in (DOCKER / "entrypoint.sh").read_text()
-    assert said("ARG") == [f'DELAYS_S="{DetectorConfig().delay_s}"']
+    assert said("ARG") == ['EXTRAS="dashboard"', f'DELAYS_S="{DetectorConfig().delay_s}"']
 
 
 def test_kernels_of_every_model_and_delay_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,11 +5,10 @@ from typing import Annotated, Final
 
 import typer
 
-from headway.cli import alerts, config, evaluate, gateway
-from headway.cli.demo import demo
+from headway.cli import alerts, config, evaluate, fleet, gateway
 from headway.cli.explain import explain
 from headway.cli.judge import judge
-from headway.cli.loadtest import loadtest
+from headway.cli.loadtest import demo, loadtest
 from headway.cli.replay import replay
 from headway.cli.serve import serve
 from headway.cli.views import dashboard, watch
@@ -27,6 +26,7 @@ EXTRAS: Final = {
     "matplotlib": "plots",
     "paho": "mqtt",
     "polars": "recordings",
+    "ray": "fleet",
     "starlette": "dashboard",
     "uvicorn": "dashboard",
     "zstandard": "recordings",
@@ -75,3 +75,4 @@ app.add_typer(config.app, name="config")
 app.add_typer(alerts.app, name="alerts")
 app.add_typer(evaluate.app, name="evaluate")
 app.add_typer(gateway.app, name="gateway")
+app.add_typer(fleet.app, name="fleet")

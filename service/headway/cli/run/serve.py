@@ -1,6 +1,7 @@
 """The service: its parts made and joined, run until it is told to stop, and closed in order."""
 
 import gc
+import json
 import os
 import signal
 import sys
@@ -47,6 +48,24 @@ from headway.version import version
 from headway_schemas.keys import Keys
 
 _log = structlog.get_logger(__name__)
+
+
+def stand_by(settings: Settings) -> None:
+    """Load the kernels of a service, then read variables of the environment as a line of JSON on standard input.
+
+    Raises
+    ------
+    SystemExit
+        Standard input ended: nobody needs the service.
+    """
+    codec = Codec(Keys(settings.prefix, settings.site))
+    _warm_up(Engine(settings.detector()), codec, threading.Event())
+    sys.stdout.write("standing by\n")
+    sys.stdout.flush()
+    line = sys.stdin.readline()
+    if not line:
+        sys.exit(0)
+    os.environ.update(json.loads(line))
 
 
 def serve(loaded: Loaded) -> None:
