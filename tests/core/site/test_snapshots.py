@@ -89,7 +89,7 @@ def test_after_a_long_absence_vehicles_are_judged_within_a_second_by_what_was_le
     other.restore(engine.snapshot(), platoon.t_us)
     outcomes, events = [], []
     for k in range(100):
-        result = step(other, platoon.next({"car2": 20.0} if 50 <= k < 60 else None))
+        result = step(other, platoon.next({"car2": 20.0} if 10 <= k < 20 else None))
         outcomes.append(set(result.outcomes.tolist()))
         events += result.events
         if k == 0:
@@ -98,6 +98,10 @@ def test_after_a_long_absence_vehicles_are_judged_within_a_second_by_what_was_le
         100 - KNOWN_WARMING_READINGS
     )
     assert {(event.suspect, event.phase) for event in events} == {("car2", phase) for phase in Phase}
+    onset = events[0]
+    assert onset.evidence is not None
+    again = replay(onset.evidence, config).by_filter[-1]
+    assert (float(again["statistic"]), float(again["x_m"])) == (onset.statistic, onset.recovered[0])
     for name in ("position_noise_m", "speed_noise_mps", "speed_scale"):
         before, after = getattr(learnt.qualities, name), getattr(kept.qualities, name)
         np.testing.assert_array_equal(after, before)
