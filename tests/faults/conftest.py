@@ -22,7 +22,7 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
-        if item.path.parent.name == "faults":
+        if Path(__file__).parent in item.path.parents:
             item.add_marker("faults")
 
 
