@@ -82,11 +82,15 @@ class Fleet(Process):
 
 
 class Subscriber(Process):
-    """A subscriber of alerts (`subscriber_process`); with `stall_after`, one that takes no more after so many."""
+    """A subscriber of alerts (`subscriber_process`).
 
-    def __init__(self, endpoint: str, site: str, *, stall_after: int | None = None) -> None:
-        stall = [] if stall_after is None else ["--stall-after", str(stall_after)]
-        super().__init__("subscriber_process.py", ["--endpoint", endpoint, "--site", site, *stall])
+    With `stall_after` it takes no more after so many. With `catch_up` it asks the history for what it missed.
+    """
+
+    def __init__(self, endpoint: str, site: str, *, stall_after: int | None = None, catch_up: bool = False) -> None:
+        more = [] if stall_after is None else ["--stall-after", str(stall_after)]
+        more += ["--catch-up"] if catch_up else []
+        super().__init__("subscriber_process.py", ["--endpoint", endpoint, "--site", site, *more])
 
     @property
     def ready(self) -> bool:

@@ -1,4 +1,7 @@
-"""A subscriber of alerts in a process of its own: a JSON line for each, with when it came; may stop taking any."""
+"""A subscriber of alerts in a process of its own: a JSON line for each, with when it came.
+
+It may stop taking any, or ask the history for what a gap in the sequence shows.
+"""
 
 import argparse
 import json
@@ -8,13 +11,25 @@ import time
 
 import zenoh
 
+from headway.client import alerts
+
+
+def show(alert: dict) -> None:
+    print(json.dumps({"received_us": time.time_ns() // 1000, **alert}), flush=True)
+
 
 def main() -> None:
     parser = argparse.ArgumentParser()
     parser.add_argument("--endpoint", required=True)
     parser.add_argument("--site", required=True)
     parser.add_argument("--stall-after", type=int, default=None, help="alerts taken before it takes no more")
+    parser.add_argument("--catch-up", action="store_true", help="ask the history for what was missed")
     options = parser.parse_args()
+
+    if options.catch_up:
+        print(json.dumps({"ready": True}), flush=True)
+        for event in alerts(options.endpoint, site=options.site):
+            show(event.model_dump(mode="json", exclude={"evidence"}))
 
     config = zenoh.Config()
     config.insert_json5("mode", '"client"')
@@ -31,7 +46,7 @@ def main() -> None:
             threading.Event().wait()
         alert = json.loads(sample.payload.to_bytes())
         alert.pop("evidence", None)
-        print(json.dumps({"received_us": time.time_ns() // 1000, **alert}), flush=True)
+        show(alert)
 
     session = zenoh.open(config)
     session.declare_subscriber(f"v2x/{options.site}/alert/**", take)
