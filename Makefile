@@ -6,7 +6,7 @@ FUZZ_RECORDS ?= inf
 FUZZ_INPUTS ?= inf
 FUZZ_TARGET ?= json
 
-.PHONY: help venv demo test check check-deploy docs bench soak faults fleet fuzz fuzz-coverage sbom performance browser image unit wheels wheel format clean
+.PHONY: help venv demo test check check-deploy docs bench peers placement soak faults fleet fuzz fuzz-coverage sbom performance browser image unit wheels wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -48,6 +48,13 @@ bench: venv  ## timing, side by side (pytest-benchmark)
 	@mkdir -p out
 	$(BIN)/python -m pytest tests/bench -m bench --benchmark-only --benchmark-json=out/bench.json
 	$(BIN)/python tests/bench/table.py out/bench.json
+	$(MAKE) --no-print-directory peers
+
+peers: venv  ## the same job in headway, a naive service, Flink and quixstreams (installs the two below build/)
+	PYTHONPATH=tests $(BIN)/python tests/bench/peers/compare.py
+
+placement: venv  ## sites of a million vehicles over nodes that fail, simulated
+	$(BIN)/python -m headway_loadtest.placement
 
 soak: venv  ## ten minutes of rotating identifiers: memory must stay flat
 	$(BIN)/headway loadtest --vehicles 500 --seconds 600 --rotate-s 30 --json

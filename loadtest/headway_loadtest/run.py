@@ -97,15 +97,17 @@ def run(
     keys: Keys,
     plan: Plan,
     on_progress: Callable[[Progress], None] = lambda _progress: None,
+    put: Put | None = None,
 ) -> Outcome:
     """Replay frames over the bus and assess the result; without a service on the site the frames are sent as well.
 
-    `on_progress` is called from the sending loop about ten times a second: it must be quick.
+    `on_progress` is called from the sending loop about ten times a second: it must be quick. `put` sends messages by
+    another way than the bus.
     """
     clock = SystemClock()
     subscriber, connection = Subscriber(session, keys, clock), Connection(session)
     try:
-        played = _play(put_on(session), subscriber, connection, clock, frames, keys, plan, on_progress)
+        played = _play(put or put_on(session), subscriber, connection, clock, frames, keys, plan, on_progress)
     finally:
         connection.close()
         subscriber.close()

@@ -15,7 +15,10 @@ import msgpack
 import numpy as np
 import zenoh
 from bench import ordinary
+from bench.peers.job import Latencies
 
+from headway.edge.telemetry.process import rss_mb
+from headway_loadtest.measure.result import INTENDED
 from headway_schemas import Keys
 from headway_schemas.bsm import Bsm, from_record
 
@@ -29,6 +32,7 @@ class Naive:
         self._kind = kind
         self._pairs: dict[str, Any] = {}
         self.scored = self.anomalous = 0
+        self._latencies = Latencies()
 
     def take(self, sample: zenoh.Sample) -> None:
         content = msgpack.unpackb(sample.payload.to_bytes())
@@ -42,10 +46,13 @@ class Naive:
         z = np.array([x_m, bsm.speed_mps])
         self.anomalous += self._pairs[bsm.id].step(z, (x_m + 30.0, bsm.speed_mps))
         self.scored += 1
+        self._latencies.add(bsm.t_us)
 
     def health(self) -> str:
         counters = {"scored": self.scored, "warming": 0, "rejected": {}, "lost": {}, "sequence_gap_messages": 0}
-        return json.dumps(counters | {"instance": "naive", "queue_depth": 0, "cpu_s": time.process_time()})
+        used = {"cpu_s": time.process_time(), "rss_mb": rss_mb()}
+        histograms = {INTENDED: list(self._latencies.buckets.copy().items())}
+        return json.dumps(counters | used | {"instance": "naive", "queue_depth": 0, "histograms_us": histograms})
 
 
 def main(endpoint: str, site: str, kind: str) -> None:

@@ -70,7 +70,10 @@ def _columns(path: Path) -> list[F64]:
         raise SourceError(f"{path}: {str(error).partition(chr(10))[0]}") from None
     absent = [name for name in COLUMNS if name not in text.columns]
     if absent:
-        raise SourceError(f"{path}: row 1: no column {', '.join(absent)}; a pair file has {','.join(COLUMNS)}")
+        raise SourceError(
+            f"{path}: row 1: no column {', '.join(absent)}; a pair file has {','.join(COLUMNS)};"
+            " for another table see --columns"
+        )
     if text.is_empty():
         raise SourceError(f"{path}: no rows below the header")
     columns = [_numbers(path, text, name) for name in COLUMNS]
