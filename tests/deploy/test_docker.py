@@ -2,7 +2,7 @@
 
 import fnmatch
 import json
-import runpy
+import os
 import shutil
 import subprocess
 import sys
@@ -15,8 +15,7 @@ from compose_spec import PyCompose
 from deploy.dockerfile import BUILD, FINAL, environment, said
 from deploy.manifest import ROOT, names_no_registry, parse_command, settings_of
 
-from headway.core.estimation.registry import MODELS
-from headway.core.types.config import DetectorConfig
+from headway.core.types.config import MODEL_NAMES, DetectorConfig
 from headway.settings import Settings
 
 DOCKER = ROOT / "docker"
@@ -83,20 +82,45 @@ def test_kernels_are_compiled_as_they_are_run() -> None:
     assert said("ARG") == ['EXTRAS="dashboard"', f'DELAYS_S="{DetectorConfig().delay_s}"']
 
 
-def test_kernels_of_every_model_and_delay_are_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
-    compiled: set[tuple[str, float]] = set()
+DETECTOR = """
+import os, pathlib, runpy, sys
+import headway.edge.codec.decoder
 
-    class RecordingEngine:
-        def __init__(self, config: DetectorConfig) -> None:
-            self.config = config
+class Detector:
+    def __init__(self, model, delay_s):
+        print(model, delay_s)
+    def process(self, recording):
+        kernels = pathlib.Path(os.environ["NUMBA_CACHE_DIR"])
+        (kernels / "step.nbc").open("a+").close()
+        self.events = []
+        return self
 
-        def warm_up(self) -> None:
-            compiled.add((self.config.model, self.config.delay_s))
+class Codec:
+    def __init__(self, keys):
+        pass
+    def warm_up(self):
+        pass
 
-    monkeypatch.setattr("headway.core.engine.Engine", RecordingEngine)
-    monkeypatch.setattr(sys, "argv", ["compile_kernels.py", "0.5", "1.5"])
-    runpy.run_path(str(DOCKER / "compile_kernels.py"))
-    assert compiled == {(model, delay_s) for model in MODELS for delay_s in (0.5, 1.5)}
+headway.Detector = Detector
+headway.edge.codec.decoder.Codec = Codec
+sys.argv.pop(0)
+runpy.run_path(sys.argv[0])
+"""
+
+
+def compile_kernels(kernels: Path) -> list[str]:
+    """Run the script with a detector whose only kernel is `step`; return what it was made for."""
+    command = [sys.executable, "-c", DETECTOR, str(DOCKER / "compile_kernels.py"), "0.5", "1.5"]
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(kernels)}
+    return subprocess.run(command, env=variables, capture_output=True, text=True, check=True).stdout.splitlines()
+
+
+def test_kernels_of_every_model_and_delay_are_compiled_and_those_that_nothing_reads_deleted(tmp_path: Path) -> None:
+    assert compile_kernels(tmp_path) == [f"{model} {delay_s}" for model in MODEL_NAMES for delay_s in (0.5, 1.5)]
+    assert {file.name for file in tmp_path.glob("*.nbc")} == {"step.nbc"}
+    (tmp_path / "inner.nbc").touch()
+    compile_kernels(tmp_path)
+    assert {file.name for file in tmp_path.glob("*.nbc")} == {"step.nbc"}
 
 
 def test_the_entry_brings_the_kernels_to_where_they_may_be_written(tmp_path: Path) -> None:
