@@ -71,6 +71,7 @@ def test_every_extra_is_declared_and_brings_the_package_it_is_named_for() -> Non
         ("polars", ["replay", "pair.csv"]),
         ("polars", ["alerts", "export", "--journal", "journal.sqlite", "alerts.parquet"]),
         ("uvicorn", ["dashboard"]),
+        ("ray", ["fleet", "status"]),
     ],
 )
 def test_what_is_absent_is_named_with_the_extra_that_brings_it(absent: str, arguments: list[str], tmp_path) -> None:

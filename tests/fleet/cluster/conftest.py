@@ -41,14 +41,15 @@ def measured(request: pytest.FixtureRequest):
 def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[World]:
     """The fleet, judged and warm."""
     pytest.importorskip("ray", reason="needs Ray: pip install 'headway[fleet]'")
-    folder, endpoint = tmp_path_factory.mktemp("fleet"), free_endpoint()
+    folder, nodes = tmp_path_factory.mktemp("fleet"), RayNodes()
+    host, port = nodes.address.partition(":")[0], free_endpoint().rpartition(":")[2]
+    endpoint = f"tcp/{host}:{port}"  # which a node in a network of its own reaches
     config = folder / "fleet.toml"
     config.write_text(
         f'state_dir = "{folder / "state"}"\nspares = {SPARES}\n'
         f'[settings]\nconnect = ["{endpoint}"]\nhealth_interval_s = 0.1\n'
         "vehicle_capacity = 500\nsuspect_burst = 10_000\n" + "".join(f"[sites.{site}]\n" for site in SITES)
     )
-    nodes = RayNodes()
     for name in NODES:
         nodes.add(name)
     with nodes.script, Router(endpoint, ROOT / "deploy" / "zenoh" / "trial.json5") as router:

@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -20,7 +20,12 @@ from sim.loopback import session
 from headway_schemas import Event, Health
 
 HERE = Path(__file__).parent
-ENVIRONMENT = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_raylet_start_wait_time_s": "120", "PYTHONWARNINGS": "ignore"}
+ENVIRONMENT = {
+    "RAY_USAGE_STATS_ENABLED": "0",
+    "RAY_raylet_start_wait_time_s": "120",
+    "RAY_worker_niceness": "0",  # as docs/howto/fleet.md advises
+    "PYTHONWARNINGS": "ignore",
+}
 
 
 class Script:
@@ -95,29 +100,38 @@ class ServiceProcess:
     pid: int
     host_pid: int
     site: str
-    epoch: int
 
     def kill(self) -> None:
         send([self.pid], signal.SIGKILL)
 
 
-def services(state_dir: Path | None = None) -> list[ServiceProcess]:
-    """Return the services of fleets on this machine, of one folder or of all."""
+def services(state_dir: Path) -> list[ServiceProcess]:
+    """Return the services of a fleet, oldest first: those that have the journal of a site open."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         try:
-            if b"serve" not in (folder / "cmdline").read_bytes().split(b"\0"):
+            if b"--standby" not in (folder / "cmdline").read_bytes().split(b"\0"):
                 continue
-            variables = dict(
-                variable.partition("=")[::2] for variable in (folder / "environ").read_text().split("\0") if variable
-            )
+            files = {file.readlink() for file in (folder / "fd").iterdir()}
             parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
         except OSError:
             continue
-        folder_of_site = Path(variables.get("HEADWAY_STATE_DIR", "/"))
-        if "HEADWAY_EPOCH" in variables and state_dir in (None, folder_of_site.parent):
-            site, epoch = variables["HEADWAY_SITE"], int(variables["HEADWAY_EPOCH"])
-            found.append(ServiceProcess(int(folder.name), parent, site, epoch))
+        sites = {
+            file.parent.name for file in files if file.name == "journal.sqlite" and file.parent.parent == state_dir
+        }
+        found += [ServiceProcess(int(folder.name), parent, site) for site in sites]
+    return sorted(found, key=lambda service: service.pid)
+
+
+def alive(pids: Iterable[int]) -> list[int]:
+    """Return those of some processes that have not ended."""
+    found = []
+    for pid in pids:
+        try:
+            state = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+        except OSError:
+            continue
+        found += [pid] if state != "Z" else []
     return found
 
 
@@ -147,6 +161,54 @@ class RayNodes:
 
     def status(self) -> dict:
         return json.loads(self.fleet("status", "--json", check=False).stdout)
+
+
+class SeparateNode:
+    """A node of the cluster in a network of its own, with one link to this machine. It needs root."""
+
+    NETWORK, OWN, OTHER = "headway-cut", "10.99.7.1", "10.99.7.2"
+    LINK = "headway-cut0"
+
+    def __init__(self, name: str, address: str, cpus: int) -> None:
+        inside = f"ip netns exec {self.NETWORK} "
+        for command in (
+            f"ip netns add {self.NETWORK}",
+            f"ip link add {self.LINK} type veth peer name eth0 netns {self.NETWORK}",
+            f"ip addr add {self.OWN}/30 dev {self.LINK}",
+            f"ip link set {self.LINK} up",
+            f"{inside}ip addr add {self.OTHER}/30 dev eth0",
+            f"{inside}ip link set eth0 up",
+            f"{inside}ip link set lo up",
+            f"{inside}ip route add default via {self.OWN}",
+        ):
+            subprocess.run(command.split(), check=True)
+        start = (
+            f"{inside}{sys.executable} -m ray.scripts.scripts start --address {address} --node-name {name} --num-cpus"
+            f" {cpus} --node-ip-address {self.OTHER} --object-store-memory {80 << 20} --block"
+        )
+        self._popen = subprocess.Popen(start.split(), env=without_headway() | ENVIRONMENT, stdout=subprocess.DEVNULL)
+
+    @property
+    def raylet(self) -> int | None:
+        """Process id of the raylet, None before it runs."""
+        for pid in tree(self._popen.pid):
+            if (Path("/proc") / str(pid) / "comm").read_text().strip() == "raylet":
+                return pid
+        return None
+
+    def cut(self) -> None:
+        """Take the link away."""
+        subprocess.run(f"ip link set {self.LINK} down".split(), check=True)
+
+    def join(self) -> None:
+        """Bring the link back."""
+        subprocess.run(f"ip link set {self.LINK} up".split(), check=True)
+
+    def close(self) -> None:
+        """End all of it."""
+        send(tree(self._popen.pid), signal.SIGKILL)
+        self._popen.wait()
+        subprocess.run(f"ip netns del {self.NETWORK}".split(), check=True)
 
 
 @dataclass(frozen=True)

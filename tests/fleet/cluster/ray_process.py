@@ -10,13 +10,11 @@ import time
 from ray.cluster_utils import Cluster
 
 SYSTEM = {
-    "worker_niceness": 0,
     "health_check_initial_delay_ms": 2_000,
     "health_check_period_ms": 1_000,
     "health_check_timeout_ms": 2_000,
     "health_check_failure_threshold": 5,
 }
-"""As docs/howto/fleet.md advises."""
 CPUS = 8
 """Declared, not real."""
 NODE = {"object_store_memory": 80 << 20, "include_dashboard": False}

@@ -4,12 +4,14 @@ The tests run in this order on one fleet; the last one holds the accounts of all
 """
 
 import json
+import os
+import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
-from fleet.cluster.harness import send, services, tree
+from fleet.cluster.harness import SeparateNode, alive, send, tree
 from fleet.cluster.world import SITES, World
 from sim.until import until
 
@@ -43,13 +45,13 @@ def spare_node(world: World, request: pytest.FixtureRequest) -> Iterator[None]:
         world.nodes.fleet("move", site, "--to", name, check=False)
 
 
-def fail_node(world: World, measured, fault: str, fail: Callable[[int], None]) -> list[int]:
-    """Fail the node with most sites; return the processes that it had."""
+def fail_node(world: World, measured, fault: str, fail: Callable[[int], None], node: str | None = None) -> list[int]:
+    """Fail a node, by default the one with most sites; return its services."""
     world.wait_until_prepared()
-    node = world.fullest_node(set(world.nodes.raylets))
-    sites = [of.site for of in world.services_on(node)]
+    node = node or world.fullest_node(set(world.nodes.raylets))
+    judging = world.services_on(node)
+    sites = [of.site for of in judging]
     raylet, before = world.nodes.raylets.pop(node), world.epochs(sites)
-    below = tree(raylet)
     since_s = time.monotonic()
     world.note_unreported(sites, since_s)
     fail(raylet)
@@ -61,7 +63,7 @@ def fail_node(world: World, measured, fault: str, fail: Callable[[int], None]) -
     assert sites
     assert again_s <= NODE_S
     assert world.warming(sites) == 0
-    return below
+    return [service.pid for service in judging]
 
 
 @pytest.mark.usefixtures("spare_node")
@@ -72,7 +74,7 @@ def test_a_node_that_is_killed(world: World, measured) -> None:
 @pytest.mark.usefixtures("spare_node")
 def test_a_raylet_that_is_killed_leaves_no_service(world: World, measured) -> None:
     left = fail_node(world, measured, "kill -9 of a raylet", lambda raylet: send([raylet], signal.SIGKILL))
-    assert {service.pid for service in services()}.isdisjoint(left)
+    assert alive(left) == []
 
 
 def hang(raylet: int, hung: list[int]) -> None:
@@ -85,10 +87,34 @@ def hang(raylet: int, hung: list[int]) -> None:
 def test_a_node_that_hangs_publishes_nothing_when_it_continues(world: World, measured) -> None:
     hung: list[int] = []
     try:
-        fail_node(world, measured, "hang of a node", lambda raylet: hang(raylet, hung))
+        left = fail_node(world, measured, "hang of a node", lambda raylet: hang(raylet, hung))
     finally:
         send(hung, signal.SIGCONT)
-    until(lambda: {service.pid for service in services()}.isdisjoint(hung), 30.0)
+    until(lambda: not alive(left), 30.0)
+
+
+@pytest.fixture
+def separate_node(world: World) -> Iterator[SeparateNode]:
+    """A node in a network of its own, with some sites."""
+    if os.geteuid() != 0 or shutil.which("ip") is None:
+        pytest.skip("needs root and ip (Debian: apt-get install iproute2) for a network namespace")
+    node = SeparateNode("separate", world.nodes.address, cpus=8)
+    try:
+        until(lambda: node.raylet is not None, 60.0)
+        world.nodes.raylets["separate"] = node.raylet
+        until(lambda: "separate" in {row["node"] for row in world.nodes.status()["nodes"]}, 60.0)
+        for site in SITES[2:4]:
+            world.nodes.fleet("move", site, "--to", "separate")
+        yield node
+    finally:
+        world.nodes.raylets.pop("separate", None)
+        node.close()
+
+
+def test_a_node_that_is_cut_off(world: World, measured, separate_node: SeparateNode) -> None:
+    left = fail_node(world, measured, "cut of a node", lambda _: separate_node.cut(), "separate")
+    separate_node.join()
+    until(lambda: not alive(left), 30.0)
 
 
 def test_a_node_that_is_drained(world: World, measured) -> None:

@@ -3,6 +3,7 @@
 import time
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from fleet.cluster.harness import Observer, RayNodes, Script, ServiceProcess, services, tree
 from sim.until import until
@@ -20,9 +21,13 @@ class World:
     nodes: RayNodes
     observer: Observer
     traffic: Script
-    config: object
+    config: Path
     unreported: Counter[str] = field(default_factory=Counter)
     """Records of each site that a killed service may have judged after its last report."""
+
+    @property
+    def state_dir(self) -> Path:
+        return self.config.parent / "state"
 
     def wait_until_warm(self) -> None:
         """Wait until each site scores all its vehicles."""
@@ -37,11 +42,11 @@ class World:
 
     def service(self, site: str) -> ServiceProcess:
         """Return the process that judges a site."""
-        return max((of for of in services() if of.site == site), key=lambda of: of.epoch)
+        return [of for of in services(self.state_dir) if of.site == site][-1]
 
     def services_on(self, node: str) -> list[ServiceProcess]:
         below = set(tree(self.nodes.raylets[node]))
-        return [of for of in services() if of.pid in below]
+        return [of for of in services(self.state_dir) if of.pid in below]
 
     def fullest_node(self, candidates: set[str]) -> str:
         """Return the node that judges most sites."""

@@ -160,8 +160,8 @@ def serve(loaded: Loaded) -> None:
                     _write_last(persistence, engine)
         finally:
             bus.close()
-    if fence is not None:
-        fence.release()
+            if fence is not None:
+                fence.release()
     if fence is not None and fence.is_replaced:
         sys.exit(SupersededError.status)
 
