@@ -95,6 +95,19 @@ def test_the_node_of_a_failed_site_is_taken_when_there_is_no_other() -> None:
     assert world.starting == {"s1": "n1"}
 
 
+def test_a_node_that_failed_last_is_the_last_choice(world: World) -> None:
+    world.plane.spare_count = 0
+    world.fail("n3")
+    world.tick()
+    world.all_ready()
+    lost = [site for site, node in world.nodes_of.items() if node == "n2"]
+    assert len(lost) == 2
+    world.tick(5.0)
+    world.fail("n2")
+    world.tick()
+    assert sorted(world.starting.values()) == ["n1", "n3"]
+
+
 def test_a_node_is_avoided_for_a_while_only(world: World) -> None:
     for node in ("n2", "n3"):
         del world.plane.cpus[node]

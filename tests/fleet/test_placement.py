@@ -23,7 +23,8 @@ def test_a_node_without_room_is_never_chosen() -> None:
 
 
 def test_an_avoided_node_is_the_last_choice_and_an_excluded_one_none() -> None:
-    assert choose_node(NODES, [], 1.0, avoided={"a"}) == "b"
-    assert choose_node(NODES, [], 2.0, avoided={"a", "b"}) == "a"
-    assert choose_node(NODES, [], 3.0, avoided={"a"}) == "a"
+    assert choose_node(NODES, [], 1.0, avoided={"a": 1.0}) == "b"
+    assert choose_node(NODES, [], 2.0, avoided={"a": 2.0, "b": 1.0}) == "b"
+    assert choose_node(NODES, [], 2.0, avoided={"a": 1.0, "b": 2.0}) == "a"
+    assert choose_node(NODES, [], 3.0, avoided={"a": 1.0}) == "a"
     assert choose_node(NODES, [], 3.0, excluded={"a"}) is None

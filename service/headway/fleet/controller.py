@@ -7,6 +7,7 @@ planned move starts beside the one that judges, one site at a time.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Final, Protocol
 
 from pydantic import BaseModel
@@ -230,7 +231,7 @@ class FleetController:
     def _start(self, site: str, now_s: float) -> None:
         """Start a service: beside the one that judges, or in place of one that failed."""
         of, state = self.state.sites[site], self.state
-        avoided = {node for node, until_s in self._avoided.items() if now_s < until_s}
+        avoided = {node: until_s for node, until_s in self._avoided.items() if now_s < until_s}
         excluded = {of.current.node} if of.current and self._has_wrong_node(of) else set()
         busy = {other.next.node for other in state.sites.values() if other.next} - self._prepared()
         node = of.target if of.target in self._nodes else None
@@ -270,7 +271,9 @@ class FleetController:
         """Return the nodes with a spare; on others one site starts after the other."""
         return {node for node, spares in self._plane.spares().items() if spares}
 
-    def _choose(self, *, excluded: Collection[str] = (), avoided: Collection[str] = ()) -> str | None:
+    def _choose(
+        self, *, excluded: Collection[str] = (), avoided: Mapping[str, float] = MappingProxyType({})
+    ) -> str | None:
         return choose_node(
             self._nodes.values(),
             list(self._placements()),

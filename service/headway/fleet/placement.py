@@ -1,7 +1,8 @@
 """Which machine gets a site: the one with most processors to spare."""
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from pydantic import BaseModel, ConfigDict
 
@@ -39,12 +40,12 @@ def choose_node(
     cpus: float,
     *,
     excluded: Collection[str] = (),
-    avoided: Collection[str] = (),
+    avoided: Mapping[str, float] = MappingProxyType({}),
 ) -> str | None:
     """Return the node with most processors left, None where no node has `cpus`.
 
-    One that is `avoided` is taken if no other has room, one that is `excluded` never.
+    One that is `avoided` is taken if no other has room, the one with the least number first; one `excluded` never.
     """
     free = {node.name: free_cpus(node, placements, cpus) for node in nodes if node.name not in excluded}
     fitting = [name for name, left in free.items() if left >= cpus]
-    return min(fitting, key=lambda name: (name in avoided, -free[name], name), default=None)
+    return min(fitting, key=lambda name: (avoided.get(name, 0.0), -free[name], name), default=None)
