@@ -63,7 +63,7 @@ def test_a_false_location_is_an_event_that_names_the_sensor_and_carries_its_evid
     assert onset.nis > onset.gate
     assert onset.evidence is not None
     assert onset.evidence.readings["x_m"][-1] - onset.recovered[0] == pytest.approx(8.0, abs=0.5)
-    cleared = drive(engine, platoon, 15)
+    cleared = drive(engine, platoon, 25)
     assert onset.kind is Kind.UNKNOWN
     assert [(event.phase, event.kind, event.event_id) for event in cleared] == [
         (Phase.UPDATE, Kind.SHORT, onset.event_id),

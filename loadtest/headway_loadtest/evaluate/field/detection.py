@@ -17,7 +17,7 @@ SILENCE_US = 40_000_000
 """Time passes for the engine through so much of a silence of everybody: longer, and it knows nobody any more."""
 FINISH_US = 5_000_000
 """Time that passes after the last message, so that open events end."""
-CLEAR_US = 1_000_000
+CLEAR_US = 2_000_000
 """An event is cleared so long after its last alarm."""
 ROOM = 2
 """Rows of the engine's tables for each vehicle of the recording."""

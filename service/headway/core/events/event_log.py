@@ -18,8 +18,8 @@ from headway.core.types.records import Kind, Observation, Records, Sensor
 from headway.core.types.snapshot import OpenEvent
 from headway.core.types.step_result import AnomalyEvent, Phase
 
-CLEAR_AFTER_READINGS = 10
-"""Readings below the gate in a row that end an event: one second at 10 Hz, so one cause is one event."""
+CLEAR_AFTER_READINGS = 20
+"""Readings below the gate in a row that end an event: two seconds at 10 Hz, so one cause is one event."""
 
 UPDATE_EVERY_US = 1_000_000
 

@@ -98,8 +98,11 @@ def test_it_is_a_kalman_filter_of_the_three() -> None:
     mean, cov, c = np.zeros(3), np.diag([p.bias_std_mps, p.latency_std_s, p.scale_std]) ** 2, np.zeros(3)
     for _ in range(20):
         v, a, nu, s = rng.uniform(5.0, 25.0), rng.normal(0.0, 1.0), rng.normal(0.0, 0.01), 1e-3
-        assert predict_calibration(row, 0.1, v, a) == pytest.approx(0.1 * np.array([1.0, a, v]) @ mean)
-        c += 0.1 * np.array([1.0, a, v])
+        row["mean_speed_mps"] = v
+        ahead_m = predict_calibration(row, 0.1, v, a)
+        moved = np.array([0.1, row["mean_speed_mps"] - v, 0.1 * v])
+        assert ahead_m == pytest.approx(moved @ mean)
+        c += moved
         assert calibration_variance(row) == pytest.approx(c @ cov @ c, rel=1e-9)
         gain = cov @ c / (c @ cov @ c + s)
         bound = 3.0 * np.sqrt(c @ cov @ c + s)
@@ -134,7 +137,17 @@ def test_correlated_noise_of_the_speed_shows_no_latency() -> None:
     assert np.sqrt(bank[0]["calibration"]["P"][2]) > 0.5 * CalibrationParams().latency_std_s
 
 
-@pytest.mark.parametrize("latency_s", [-0.2, -0.1])
+@pytest.mark.parametrize("age_s", [0.0, 0.1, 0.5])
+def test_a_position_lags_by_the_mean_speed_of_its_age(age_s: float) -> None:
+    row, h, rate = np.zeros(1, CALIBRATION)[0], 0.1, 2.0
+    initialise_calibration(row, CalibrationParams())
+    row["latency_s"], row["mean_speed_mps"] = -age_s, 10.0
+    ahead_m = sum(predict_calibration(row, h, 10.0 + rate * h * k, rate) for k in range(60))
+    assert row["mean_speed_mps"] == pytest.approx(10.0 + 6.0 * rate - 0.5 * age_s * rate, abs=1e-6)
+    assert ahead_m == pytest.approx(-age_s * (6.0 * rate - 0.5 * age_s * rate), abs=1e-6)
+
+
+@pytest.mark.parametrize("latency_s", [-0.5, -0.2, -0.1])
 def test_old_positions_are_known_after_the_first_brake(latency_s: float) -> None:
     """A car that drove at a constant speed for half a minute brakes: no fault of either sensor."""
     rng, h, n = np.random.default_rng(6), 0.1, 350
@@ -151,7 +164,7 @@ def test_old_positions_are_known_after_the_first_brake(latency_s: float) -> None
     assert bank[0]["calibration"]["latency_s"] == pytest.approx(latency_s, abs=0.05)
 
 
-@pytest.mark.parametrize(("a_mps2", "latency_share"), [(0.0, 0.0), (-3.0, 0.9)])
+@pytest.mark.parametrize(("a_mps2", "latency_share"), [(0.0, 0.0), (-3.0, 0.78)])
 def test_what_a_drift_showed_is_a_latency_where_the_vehicle_brakes(a_mps2: float, latency_share: float) -> None:
     row, p = np.zeros(1, CALIBRATION)[0], CalibrationParams()
     initialise_calibration(row, p)

@@ -78,9 +78,11 @@ class NoiseAdaptationParams(NamedTuple):
     random_walk_min: float = 3e-6
     random_walk_max: float = 10.0
     """Limits of the random-walk density, m^2/s."""
-    position_noise_floor: float = 6.4e-4
-    """Least random walk and noise of a position together, as a density in m^2/s: 8 mm a reading (ADR 0006). A receiver
-    that smooths its positions hides its noise, and the positions wander over seconds."""
+    position_noise_floor: float = 3e-4
+    """Least random walk and noise of a position together, as a density in m^2/s: 5 mm a reading."""
+    receiver_noise_floor: float = 4.5e-4
+    """The same for a receiver: 7 mm a reading. One that smooths its positions hides its noise, and the
+    positions wander over seconds."""
     step_min: float = 0.02
     """Step on a logarithm at a reading once the noise has settled."""
     settling: float = 0.1
@@ -242,9 +244,10 @@ def adapt_noise(
         noise.position_noise_growth -= decay
         r[Z_POSITION] *= exp(decay * growth_share(v_mps))
     decay = p.random_walk_decay if noise.random_walk_density < p.random_walk_observable * variance else 0.0
+    floor = p.position_noise_floor + noise.receiver * (p.receiver_noise_floor - p.position_noise_floor)
     random_walk_min = max(
         p.random_walk_min,
-        p.position_noise_floor - RANDOM_WALK_PER_NOISE_HZ * r[Z_POSITION],
+        floor - RANDOM_WALK_PER_NOISE_HZ * r[Z_POSITION],
         p.random_walk_share_min * variance,
     )
     noise.random_walk_density = clip(

@@ -2,7 +2,7 @@
 
 The position moves by a bias, a share of the speed and a latency times the acceleration beside the reported speed v:
 
-    x' = v + bias + scale v + latency a
+    x' = v + bias + scale v + latency w'
 
 Each of the three is learnt by separate-bias estimation (Friedland 1969, doi:10.1109/TAC.1969.1099223): the filter runs
 without them, `sensitivity` tells by how much its predicted position would grow with each, and its position innovation,
@@ -12,11 +12,15 @@ of variance s, is the measurement. With c the sensitivity and P the covariance o
 
 What is corrected at once is the position that the filter is given (`step`). No value leaves what receivers are.
 
+A position of age D lags the integral of the speed by D times w, the mean speed of the last D seconds. For a speed that
+changes steadily w is that of D / 2 ago, so it follows the speed with that time constant. A position that is newer than
+the speed cannot be predicted better than by w = v.
+
 The sensitivity to the latency is a change of speed since the positions that still count. Noise of the speed makes such
 changes too, and would show a false latency. So only that part of it counts in the gain that noise does not explain.
 """
 
-from math import sqrt
+from math import exp, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +34,8 @@ CHANGE_MIN = 1e-12
 """Least squared change of a speed, m^2/s^2: it only keeps a quotient finite."""
 HELD_KEPT = 0.995
 """What is left of `speed_held` with each change of the speed."""
+LAG_MIN_S = 0.001
+"""Shorter lags of w are none."""
 RESTING_MPS = 0.5
 """Speed below which the bias is another: most sensors of speed have none at rest."""
 
@@ -44,7 +50,10 @@ CALIBRATION = np.dtype(
         ("scale", "f8"),  # what the reported speed lacks, as a share of it
         ("P", "f8", (6,)),  # their covariance: bb, bl, ll, bs, ls, ss
         ("sensitivity", "f8", (3,)),  # of the filter's predicted position to the three
+        ("mean_speed_mps", "f8"),  # w: of the time by which positions are older than speeds
+        ("mean_speed_gain", "f8"),  # share of the newest change of the speed that is in it
         ("repeat_share", "f8"),  # share of messages of the moving vehicle that repeat the last position
+        ("repeat_interval_s", "f8"),  # time between a position and its repetition; 0: none was repeated
         ("speed_step_mps", "f8"),  # smallest difference of two reported speeds; 0: not known
         ("last_speed_mps", "f8"),
         ("dead_zone_mps", "f8"),  # speed below which 0 may be reported
@@ -57,7 +66,7 @@ class CalibrationParams(NamedTuple):
     """Standard deviations before any reading, random walks per reading, and the limits of what receivers are."""
 
     bias_std_mps: float = 0.15
-    latency_std_s: float = 0.15
+    latency_std_s: float = 0.1
     scale_std: float = 0.005
     """Wheel speeds are 1 to 3 % off, positions 0.1 to 0.5 s older than speeds. A scale that is larger shows as a bias
     first (ADR 0011)."""
@@ -92,7 +101,8 @@ def initialise_calibration(calibration: Any, p: CalibrationParams) -> None:
     calibration.P[:] = 0.0
     calibration.P[0], calibration.P[2], calibration.P[5] = p.bias_std_mps**2, p.latency_std_s**2, p.scale_std**2
     calibration.sensitivity[:] = 0.0
-    calibration.speed_step_mps = calibration.repeat_share = calibration.speed_held = 0.0
+    calibration.speed_step_mps = calibration.repeat_share = calibration.repeat_interval_s = 0.0
+    calibration.speed_held = 0.0
     calibration.dead_zone_mps = p.dead_zone_mps
 
 
@@ -104,17 +114,35 @@ def predict_calibration(calibration: Any, dt_s: float, v_mps: float, a_mps2: flo
     if calibration.resting != resting:
         calibration.resting = resting
         _exchange_bias(calibration)
+    change_mps = _advance_mean_speed(calibration, dt_s, v_mps, a_mps2)
     c[BIAS] += dt_s
-    c[LATENCY] += a_mps2 * dt_s
+    c[LATENCY] += change_mps
     c[SCALE] += v_mps * dt_s
-    return float((calibration.bias_mps + calibration.latency_s * a_mps2 + calibration.scale * v_mps) * dt_s)
+    return float((calibration.bias_mps + calibration.scale * v_mps) * dt_s + calibration.latency_s * change_mps)
 
 
 @njit(cache=True, error_model="numpy")
-def correct_change(calibration: Any, change_mps: float) -> float:
-    """Take a change of speed that the reading showed; return how far it moves the position beside the speed."""
-    calibration.sensitivity[LATENCY] += change_mps
-    return float(calibration.latency_s * change_mps)
+def _advance_mean_speed(calibration: Any, dt_s: float, v_mps: float, a_mps2: float) -> float:
+    """Return by how much w changes in `dt_s`, from the speed `v_mps` on: that of a first-order lag at a ramp."""
+    lag_s = max(-0.5 * calibration.latency_s, 0.0)
+    lag_s = lag_s if lag_s > LAG_MIN_S else 0.0
+    reached = 1.0 - exp(-dt_s / lag_s) if lag_s > 0.0 else 1.0
+    calibration.mean_speed_gain = 1.0 - lag_s * reached / dt_s
+    change_mps = reached * (v_mps - calibration.mean_speed_mps) + calibration.mean_speed_gain * a_mps2 * dt_s
+    calibration.mean_speed_mps += change_mps
+    return float(change_mps)
+
+
+@njit(cache=True, error_model="numpy")
+def correct_mean_speed(calibration: Any, change_mps: float, kept: float) -> float:
+    """Take a change of the speed that the reading showed; return how far it moves the position beside the speed.
+
+    `kept` is the share of the predicted position in the filter's.
+    """
+    change_mps *= calibration.mean_speed_gain
+    calibration.mean_speed_mps += change_mps
+    calibration.sensitivity[LATENCY] += kept * change_mps
+    return float(kept * calibration.latency_s * change_mps)
 
 
 @njit(cache=True, error_model="numpy")

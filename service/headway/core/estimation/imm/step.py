@@ -32,6 +32,7 @@ from headway.core.estimation.imm.driver_input import (
 )
 from headway.core.estimation.imm.fault_isolation import isolate, isolate_ended
 from headway.core.estimation.imm.fault_timeout import fault_timeout
+from headway.core.estimation.imm.fixes import SLOW_SHARE, STANDING_MPS, is_late, repeats_position
 from headway.core.estimation.imm.modes import HEALTHY
 from headway.core.estimation.imm.noise_adaptation import (
     ADAPTED_NOISE,
@@ -49,7 +50,7 @@ from headway.core.estimation.imm.speed_calibration import (
     LATENCY,
     CalibrationParams,
     calibration_variance,
-    correct_change,
+    correct_mean_speed,
     initialise_calibration,
     observe_dead_zone,
     observe_speed_step,
@@ -71,20 +72,10 @@ from headway.core.runtime.prefetch import prefetch_row
 from headway.core.statistics.alarm_gate import TAIL, Budget, false_alarms_per_hour, gate, learn
 from headway.core.types.config import DetectorConfig
 
-FIX_INTERVAL_MAX_S = 1.2
-"""Receivers have a fix at least once a second. A position that is repeated for longer counts as measured again."""
-UNCHANGED_M = 0.05
-"""A position that should have changed by less is measured again where it was: most have a resolution of centimetres."""
 NOD_MPS, NOD_STD_M = 0.5, 0.03
 """Speed below which a car that stops or sets off nods and rolls, and by how much that moves its antenna."""
 TIMED_MPS = 5.0
 """Speed above which noise of the position may be noise of the time stamps, m/s."""
-STANDING_MPS = 0.5
-"""Speed below which a vehicle may stand, so that its messages repeat themselves."""
-REPEAT_GAIN = 0.02
-"""Share of the newest message in the share of repeated positions."""
-SLOW_SHARE = 0.3
-"""Share of repeated positions from which a receiver is slower than its messages."""
 ADAPT_ABOVE = 0.5
 """Probability of HEALTHY above which a reading adapts the noise."""
 ADAPT_ABOVE_EARLY = 0.3
@@ -106,6 +97,7 @@ def headway_dtype(delay_s: float) -> np.dtype[np.void]:
             ("t_s", "f8"),  # of the newest reading that the filters have
             ("last_t_s", "f8"),  # of the newest reading
             ("position_unchanged_s", "f8"),  # for how long the newest position has been reported
+            ("late_s", "f8"),  # for how long positions have come one interval late
             *((name, MODES[name]) for name in MODES.names or ()),
             ("noise", ADAPTED_NOISE),
             ("calibration", CALIBRATION),
@@ -186,9 +178,9 @@ def initialise(row: Any, z: Any, p: HeadwayParams) -> None:
     reset_previous_innovation(row.noise)
     initialise_modes(row, z.x_m, z.v_mps, row.noise.r, p.modes)
     initialise_driver(row.driver, p.driver)
-    row.accumulated_bias_m, row.a_mps2 = 0.0, 0.0
+    row.accumulated_bias_m, row.a_mps2, row.late_s = 0.0, 0.0, 0.0
     row.calibration.sensitivity[:] = 0.0
-    row.calibration.last_speed_mps = z.v_mps
+    row.calibration.last_speed_mps = row.calibration.mean_speed_mps = z.v_mps
     row.fault_time_s[:] = 0.0
     row.observed_s = 0.0
     row.last_reset_s = z.t_s
@@ -250,22 +242,6 @@ def write_estimate(row: Any, mean: Any, imm: Any, verdict: Any) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def repeats_position(row: Any, z: Any) -> bool:
-    """Whether the receiver has had no new fix since its last one; call it once for each READING."""
-    unchanged = row.count > 0 and z.east_m == 0.0 and z.north_m == 0.0
-    row.position_unchanged_s = row.position_unchanged_s + z.t_s - row.last_t_s if unchanged else 0.0
-    slow = row.calibration.repeat_share > SLOW_SHARE
-    unchanged = unchanged and (slow or z.v_mps * row.position_unchanged_s > UNCHANGED_M)
-    row.last_t_s = z.t_s
-    if z.v_mps > STANDING_MPS:
-        row.calibration.repeat_share += REPEAT_GAIN * ((1.0 if unchanged else 0.0) - row.calibration.repeat_share)
-    if row.position_unchanged_s > FIX_INTERVAL_MAX_S:
-        row.position_unchanged_s = 0.0
-        return False
-    return bool(unchanged)
-
-
-@njit(cache=True, error_model="numpy")
 def repeat_verdict(row: Any, z: Any, p: HeadwayParams, mean: Any, imm: Any, verdict: Any) -> None:
     """Write the VERDICT of a message that repeats position and speed: the last one, with the estimate at its time."""
     dt_s = z.t_s - row.t_s
@@ -296,7 +272,12 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
     v_mps = row.single[VX, HEALTHY]
     unexplained = unexplained_share(driver, noise.jerk_density) if row.count > 0 else 1.0
     motion = Motion(
-        noise.jerk_density, noise.random_walk_density, noise.manoeuvre, unexplained, calibration.dead_zone_mps
+        noise.jerk_density,
+        noise.random_walk_density,
+        noise.manoeuvre,
+        unexplained,
+        calibration.dead_zone_mps,
+        noise.receiver,
     )
     if row.count == 0 or dt_s > p.max_gap_s:
         verdict.restarted = row.count > 0
@@ -311,7 +292,10 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         changed = observe_speed_step(calibration, z.v_mps, p.calibration)
         reading[Z_POSITION], reading[Z_SPEED] = z.x_m - row.accumulated_bias_m, z.v_mps
         uncertain = calibration_variance(calibration)
-        r[Z_POSITION] = position_variance(noise, v_mps) + uncertain if measured else inf
+        r[Z_POSITION] = position_variance(noise, v_mps) + uncertain
+        measured = measured and not is_late(row, reading[Z_POSITION], dt_s, r[Z_POSITION])
+        if not measured:
+            r[Z_POSITION] = inf
         rounding = p.speed_step_variance * calibration.speed_held
         r[Z_SPEED] = max(noise.r[Z_SPEED], rounding * calibration.speed_step_mps**2)
         if measured and z.odometer_std_m > 0.0:
@@ -350,9 +334,10 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
         reset_previous_innovation(noise)
         reset_sensitivity(driver)
     calibration.sensitivity *= kept
-    row.accumulated_bias_m += correct_change(calibration, kept * change_mps)
+    row.accumulated_bias_m += correct_mean_speed(calibration, change_mps, kept)
     if measured and verdict.implausible == 0 and fault_timeout(row, mean, reading, r, dt_s, p):
         verdict.restarted = True
+        calibration.mean_speed_mps = row.single[VX, HEALTHY]
     change_mps2 = predict_acceleration(driver, z, dt_s, verdict.x_m, verdict.v_mps, p.driver)
     add_acceleration_change(row, change_mps2)
     row.a_mps2 = mean[AX] + change_mps2
