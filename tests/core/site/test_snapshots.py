@@ -47,8 +47,8 @@ def test_the_restored_engine_continues_bit_for_bit(stride: int) -> None:
     events = step(engine, platoon.next({"car2": 9.0})).events
     other = restored(engine, platoon.t_us, stride)
     assert (other.vehicles, other.pairs, other.active_events) == (5, 4, 1)
-    for k in range(40):
-        records = platoon.next({"car1": 7.0} if k == 20 else None)
+    for k in range(60):
+        records = platoon.next({"car1": 7.0} if k == 30 else None)
         one, two = step(engine, records), step(other, records)
         assert one.outcomes.tolist() == two.outcomes.tolist() == [Outcome.SCORED] * 5
         assert one.nis.tobytes() == two.nis.tobytes()

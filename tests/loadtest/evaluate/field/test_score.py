@@ -21,8 +21,8 @@ def recall(alarms, faults, clean=()):
         (20.0, 23.0, True),  # begins with the fault
         (22.9, 24.5, True),  # within the second of grace
         (23.1, 24.5, False),  # after it
-        (18.0, 20.9, False),  # the last alarm is a second before it is cleared: before the fault
-        (18.0, 21.1, True),
+        (18.0, 21.9, False),  # the last alarm is two seconds before it is cleared: before the fault
+        (18.0, 22.1, True),
         (18.0, None, True),  # never cleared
     ],
 )
@@ -48,7 +48,7 @@ def test_sensor_and_kind_are_those_of_the_newest_update_up_to_the_end_of_the_win
 def test_both_names_either_sensor_and_concurrent_faults_are_either_right():
     assert recall([alarm(20.0, 22.0, sensor="both")], [fault(20.0, 21.0)]).sensor_right == 1
     at_once = [fault(20.0, 21.0), fault(20.5, 20.5, kind=Kind.SHORT, sensor=Sensor.LOCATION)]
-    made = recall([alarm(20.0, 22.0, kind="short", sensor="location")], at_once)
+    made = recall([alarm(20.0, 23.0, kind="short", sensor="location")], at_once)
     assert (made.found.total(), made.sensor_right, made.kind_right) == (2, 2, 2)
 
 
