@@ -6,7 +6,7 @@ FUZZ_RECORDS ?= inf
 FUZZ_INPUTS ?= inf
 FUZZ_TARGET ?= json
 
-.PHONY: help venv demo test check check-deploy docs bench peers placement soak faults fleet fuzz fuzz-coverage sbom performance browser image unit wheels wheel format clean
+.PHONY: help venv demo test check check-deploy docs bench peers placement soak faults fleet fuzz fuzz-coverage sbom performance browser image unit alerts tutorial wheels wheel format clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -40,6 +40,8 @@ check: venv  ## lint, format, types, import contracts, prose, deployment files; 
 check-deploy:  ## Prometheus configuration and rules (Debian: apt-get install prometheus)
 	promtool check config deploy/prometheus/prometheus.yml
 	promtool test rules deploy/prometheus/headway.rules.test.yml
+	@if command -v amtool >/dev/null; then amtool check-config deploy/alertmanager/alertmanager.yml; \
+	else echo 'skipped: amtool check-config, which needs amtool (Debian: apt-get install prometheus-alertmanager)'; fi
 
 docs: venv  ## the documentation as a site, in build/site
 	$(BIN)/mkdocs build
@@ -88,6 +90,12 @@ image: venv  ## the image built, started read-only, fed, stopped (Debian: apt-ge
 
 unit: venv  ## the systemd unit in a Debian that boots (as make image, and apt-get install systemd-container)
 	$(BIN)/python -m pytest -rs --capture=no tests/engine/test_unit.py -m engine
+
+alerts: venv  ## Prometheus and Alertmanager with these files: one notification for a faulty vehicle (Debian: apt-get install prometheus prometheus-alertmanager)
+	$(BIN)/python -m pytest -rs --capture=no tests/engine/test_alerts.py -m engine
+
+tutorial: venv  ## the tutorial word by word, in a clone and an environment of its own
+	$(BIN)/python -m pytest -rs --capture=no tests/engine/test_tutorial.py -m engine
 
 wheels: venv  ## a wheel of each package that serving needs, for x86_64 and for aarch64 (needs the package index)
 	$(BIN)/python -m pytest -rs tests/engine/test_wheels.py -m engine

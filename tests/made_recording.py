@@ -1,11 +1,19 @@
 """A small road as BSM v1 records: cars one behind the other, one of them with a speed fault for some seconds."""
 
-from typing import Any
+import math
+import random
+from collections.abc import Callable
+from typing import Any, TypeAlias
 
 import numpy as np
 
 START_US = 1_700_000_000_000_000
 METRES_PER_DEGREE = 111_132.0
+Fault: TypeAlias = Callable[[float, random.Random], tuple[float, float]]
+"""Seconds since its begin, and chance, to what it adds to position (m) and speed (m/s)."""
+NORTH_M_PER_DEGREE = 111_080.3
+"""Length of a degree of the meridian at 42.3 degrees of WGS 84: 111,132.95 - 559.82 cos(84.6 degrees) m."""
+BEGIN, END, AFTER = 600, 1_200, 200
 
 
 def made_recording(
@@ -36,3 +44,26 @@ def made_recording(
                 }
             )
     return sorted(records, key=lambda record: record["received_us"])
+
+
+def northbound(fault: Fault, rng: random.Random, end: int = END) -> tuple[list[dict[str, Any]], np.ndarray]:
+    """Return records of two cars, the second with a fault until tick `end`, and how far north each says it is (m)."""
+    records, north_m = [], []
+    for tick in range(end + AFTER):
+        t_s = tick / 10
+        for car, behind_m in (("red", 0.0), ("blue", 25.0)):
+            is_faulty = car == "blue" and BEGIN <= tick < end
+            off_m, off_mps = fault((tick - BEGIN) / 10, rng) if is_faulty else (0.0, 0.0)
+            north_m.append(15.0 * t_s + 20.0 * math.sin(t_s / 8) - behind_m + rng.gauss(0.0, 0.05) + off_m)
+            record = {
+                "v": 1,
+                "id": car,
+                "msg_cnt": tick % 128,
+                "t_us": START_US + 100_000 * tick,
+                "lat": 42.3 + north_m[-1] / NORTH_M_PER_DEGREE,
+                "lon": -83.7,
+                "speed_mps": 15.0 + 2.5 * math.cos(t_s / 8) + rng.gauss(0.0, 0.03) + off_mps,
+                "heading_deg": 0.0,
+            }
+            records.append(record)
+    return records, np.array(north_m)

@@ -39,8 +39,9 @@ def test_the_first_replay_has_one_car_in_twenty_five_faulty() -> None:
 
 
 def test_the_first_lines_of_python_print_the_events_of_the_sample() -> None:
-    code = re.search(r'python -c "(from headway import [^"]*)"', README)
+    code = re.search(r"```python\n(.*?)```", README, re.DOTALL)
     assert code
+    assert len(code[1].strip().splitlines()) <= 5
     done = subprocess.run([sys.executable, "-c", code[1]], capture_output=True, text=True, check=True)
     lines = [line.split() for line in done.stdout.splitlines()]
     assert lines[0][0] == "onset"

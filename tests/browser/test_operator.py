@@ -151,8 +151,7 @@ def test_list_history_and_evidence_agree_about_every_event(page: Browser, endpoi
             assert f"{word[sensor]}, " in shown
         counted = Counter(f"{kind}{word[sensor]}{suspect}" for kind, sensor, suspect in stated.values())
         assert Counter(next(key for key in counted if key in shown) for shown in past) == counted
-        for name in list(stated)[::9]:
-            kind, sensor, suspect = stated[name]
+        for name, (kind, sensor, suspect) in stated.items():
             click(page, f"#alerts [data-event='{name}']")
             page.until(f"{SHOWN} === '{name}'")
             assert page.run(text("evidence-of")).startswith(f"{suspect} · {kind}, {word[sensor]}")

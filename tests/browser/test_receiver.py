@@ -1,17 +1,11 @@
 """What a receiver of notices gets of the vehicles that the page shows."""
 
-import json
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
 
 import httpx
 import pytest
 from browser.devtools import Browser
-from browser.serving import alive, dashboard, live, text, visit, wall_us
+from browser.serving import alive, dashboard, live, receiver, text, visit, wall_us
 from browser.test_operator import S, deviating
 from fake_service import Traffic, service
 from sim.until import until
@@ -19,30 +13,6 @@ from sim.until import until
 from headway_schemas import Phase
 
 pytestmark = pytest.mark.browser
-
-
-@contextmanager
-def receiver() -> Iterator[tuple[str, list[dict[str, Any]]]]:
-    """Take webhooks; yield the address and the bodies that came."""
-    bodies: list[dict[str, Any]] = []
-
-    class Handler(BaseHTTPRequestHandler):
-        def do_POST(self) -> None:
-            bodies.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
-            self.send_response(204)
-            self.end_headers()
-
-        def log_message(self, *_: object) -> None:
-            pass
-
-    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/hook", bodies
-        finally:
-            server.shutdown()
-            thread.join()
 
 
 def test_a_receiver_gets_one_post_at_the_onset_and_one_at_the_end_and_none_of_a_muted_car(

@@ -5,7 +5,10 @@ from pathlib import Path
 import pytest
 import yaml
 from deploy.promql import asked, complaints
+from fake_service import event
 
+from headway.dashboard.event_summary import EventSummary
+from headway.dashboard.notices import Notice, alertmanager_body
 from headway.settings import Settings
 
 FOLDER = Path(__file__).resolve().parents[2] / "deploy" / "prometheus"
@@ -36,6 +39,20 @@ def test_every_rule_is_shown_to_fire_and_to_hold_back() -> None:
     names = {rule["alert"] for rule in RULES}
     assert {case["alertname"] for case in cases if case["exp_alerts"]} == names
     assert {case["alertname"] for case in cases if not case["exp_alerts"]} == names
+
+
+def test_alertmanager_groups_by_the_labels_that_the_dashboard_sends() -> None:
+    config = yaml.safe_load((FOLDER.parent / "alertmanager" / "alertmanager.yml").read_text())
+    summary = EventSummary.of(event(1))
+    [sent] = alertmanager_body(Notice("local", "veh-0001", summary, summary.first_us), None)
+    [route] = config["route"]["routes"]
+    assert set(route["group_by"]) <= set(sent["labels"])
+    assert f'alertname="{sent["labels"]["alertname"]}"' in route["matchers"]
+    [inhibited] = config["inhibit_rules"]
+    assert inhibited["source_matchers"] == route["matchers"]
+    names = {rule["alert"] for rule in RULES}
+    assert inhibited["target_matchers"][0] in {f'alertname="{name}"' for name in names}
+    assert all(receiver["webhook_configs"][0]["send_resolved"] for receiver in config["receivers"])
 
 
 def test_the_scrape_goes_to_the_port_of_the_service() -> None:

@@ -175,10 +175,13 @@ def _detection(quality: Quality) -> RenderableType:
         return Text("No faults were injected.", "dim")
     table = Table(title="Faults injected and found", title_justify="left", box=None, pad_edge=False)
     table.add_column("what")
-    for heading in ("injected", "found", "after"):
+    for heading in ("injected", "found", "half within"):
         table.add_column(heading, justify="right")
     for kind, score in quality.by_kind.items():
         table.add_row(f"{kind}: {MEANINGS[kind]}", str(score.events), str(score.found), _duration(score.delay_s))
+    if quality.found < quality.events:
+        table.caption = "Sizes are drawn around zero. A fault below the scatter of its sensor stays hidden."
+        table.caption_justify = "left"
     table.add_row("[bold]all[/]", f"[bold]{quality.events}[/]", f"[bold]{quality.found}[/]", "")
     return table
 

@@ -104,8 +104,8 @@ def test_the_deviation_is_the_largest_until_now() -> None:
     events = [event for n in range(12) for event in car.reads(True, x_m=-3.0 if n == 4 else 1.0)]
     assert onset.deviation == (0.5, 0.0)
     assert [event.deviation for event in events] == [(3.0, 0.0)]
-    cleared = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False, x_m=9.0)][-1]
-    assert (cleared.phase, cleared.deviation, cleared.onset_us) == (Phase.CLEARED, (3.0, 0.0), onset.t_us)
+    cleared = [event for _ in range(CLEAR_AFTER_READINGS) for event in car.reads(False, x_m=4.0)][-1]
+    assert (cleared.phase, cleared.deviation, cleared.onset_us) == (Phase.CLEARED, (4.0, 0.0), onset.t_us)
 
 
 def test_an_end_has_the_confidence_of_the_last_alarm_of_its_kind() -> None:

@@ -4,7 +4,6 @@ import json
 import os
 import sqlite3
 import tempfile
-import zlib
 from contextlib import closing
 from pathlib import Path
 
@@ -41,27 +40,6 @@ def test_a_statement_comes_back_byte_for_byte_and_without_its_evidence_unless_as
     assert journal_query.page(path, asked) == [put[1].payload, put[0].payload]
     light = [published | {"evidence": None} for published in map(json.loads, (put[1].payload, put[0].payload))]
     assert found(path) == light
-
-
-def test_the_tools_of_others_read_an_event_a_row_and_valid_json(path: Path) -> None:
-    onset = update(1, event_id="e1")
-    journal_at(path).write(
-        [onset, update(2, event_id="e1", phase=Phase.UPDATE, evidence=None), update(3, event_id="e2")]
-    )
-    with closing(sqlite3.connect(path)) as db:
-        shown = "SELECT event_id, phase, statistic, json_extract(json, '$.suspect') = suspect FROM events ORDER BY t_us"
-        assert db.execute(shown).fetchall() == [
-            ("e1", "update", onset.event.statistic, 1),
-            ("e2", "onset", onset.event.statistic, 1),
-        ]
-        assert db.execute(
-            "SELECT min(json_valid(event)), min(json_valid(parameters)) FROM details, configs"
-        ).fetchone() == (1, 1)
-        (readings,) = db.execute("SELECT readings FROM evidence LIMIT 1").fetchone()
-    assert onset.event.evidence is not None
-    read = json.loads(zlib.decompress(readings))
-    assert tuple(read["columns"]) == onset.event.evidence.columns
-    assert len(read["readings"]) == len(onset.event.evidence.readings)
 
 
 @pytest.mark.parametrize(

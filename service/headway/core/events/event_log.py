@@ -92,8 +92,7 @@ class EventLog:
         events = []
         for i, of, (anomalous, kind, sensor) in zip(concerned, map(_Subject._make, subjects), findings, strict=True):
             phase = self._advance(of, kind, sensor, anomalous=anomalous)
-            if anomalous:
-                self._note(of.row, verdicts[i])
+            self._note(of.row, verdicts[i], anomalous=anomalous)
             if phase is not None:
                 events.append(self._event(phase, of, verdicts[i]))
             if phase is Phase.CLEARED:
@@ -213,10 +212,10 @@ class EventLog:
             )
             self._set(event.row, restored)
 
-    def _note(self, row: int, verdict: np.void) -> None:
-        """Take note of an alarm: its confidence, and the deviation of the reading."""
+    def _note(self, row: int, verdict: np.void, *, anomalous: bool) -> None:
+        """Take note of the confidence of an alarm, and of the deviation of each reading."""
         event = self._open[row]
-        if (int(verdict["kind"]), int(verdict["sensor"])) == (event.kind, event.sensor):
+        if anomalous and (int(verdict["kind"]), int(verdict["sensor"])) == (event.kind, event.sensor):
             event.confidence = float(verdict["confidence"])
         if event.sensor is Sensor.LINK:
             return

@@ -39,8 +39,9 @@ export class Charts {
     this.#node.replaceChildren();
   }
 
-  recolour() {
-    for (const plot of this.#charts) plot.redraw(false);
+  /** Shows the times from `min` to `max` in all charts; null shows all. */
+  view(span) {
+    for (const plot of this.#charts.slice(0, 1)) plot.setScale("x", span ?? { min: plot.data[0][0], max: plot.data[0].at(-1) });
   }
 
   /** Puts the cursor of all charts at a time. */
@@ -65,7 +66,7 @@ export class Charts {
 
 /**
  * `spec`: {title, quantity, series: [{name, look, draw, points: [[x, y, sigma?]]}], log}; `look` is a class of style.css.
- * `draw` is "line", "dots", "marks" or "level", a line at one y. Points with a sigma have a band. With `log`
+ * `draw` is "line", "dots", "marks" or "level", a line of steps. Points with a sigma have a band. With `log`
  * the y axis is logarithmic where the values are positive and span much. Returns {figure, plot}.
  */
 function chart({ title, quantity, series, log = false }, zoomed) {
@@ -124,7 +125,7 @@ function aligned(drawn, factor) {
 
 function lineOf(draw, stroke) {
   if (draw === "line") return { stroke, width: 1.5, spanGaps: true, points: { show: false } };
-  if (draw === "level") return { stroke, width: 1.5, dash: [5, 4], spanGaps: true, points: { show: false } };
+  if (draw === "level") return { stroke, width: 1.5, dash: [5, 4], spanGaps: true, points: { show: false }, paths: uPlot.paths.stepped({ align: 1 }) };
   return { stroke, paths: () => null, points: { show: true, size: draw === "dots" ? DOT_PX : MARK_PX, fill: stroke, width: 0 } };
 }
 

@@ -35,14 +35,17 @@ export function number(x) {
 
 const two = (n) => String(n).padStart(2, "0");
 
+const timeOf = (d) => `${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
+
+/** The time of day, with the date where that is not today. */
 export function clock(us) {
   const d = new Date(us / 1000);
-  return `${two(d.getHours())}:${two(d.getMinutes())}:${two(d.getSeconds())}`;
+  return d.toDateString() === new Date().toDateString() ? timeOf(d) : stamp(us);
 }
 
 export function stamp(us) {
   const d = new Date(us / 1000);
-  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${clock(us)}`;
+  return `${d.getFullYear()}-${two(d.getMonth() + 1)}-${two(d.getDate())} ${timeOf(d)}`;
 }
 
 export function duration(s) {

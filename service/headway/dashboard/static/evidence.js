@@ -5,19 +5,20 @@ import { Charts } from "./chart.js";
 import { renderExplanation } from "./explanation.js";
 import { qualityText } from "./quality.js";
 import { Replay } from "./replay.js";
-import { placeChart, readingsOf, speedChart, statisticChart } from "./series.js";
+import { placeChart, readingsOf, spanOfReadings, speedChart, statisticChart } from "./series.js";
 import { keyOf } from "./store.js";
 import { withUnit } from "./units.js";
 import { SENSORS, advice, likelihood, place, sentences } from "./words.js";
 
 export class EvidencePanel {
-  #store; #chosen = null; #drawn = null; #asked = 0; #shown = null;
+  #store; #chosen = null; #drawn = null; #asked = 0; #shown = null; #span = null;
   #charts = new Charts($("plots"));
   #replay = new Replay(this.#charts);
 
   constructor(store) {
     this.#store = store;
     $("fresh").addEventListener("click", () => void this.load());
+    $("whole").addEventListener("click", () => this.#view($("whole").getAttribute("aria-pressed") !== "true"));
   }
 
   /** Key of the event. */
@@ -32,7 +33,8 @@ export class EvidencePanel {
     this.#shown = null;
     this.#charts.clear();
     $("facts").replaceChildren();
-    $("details").hidden = $("replay").hidden = true;
+    $("details").hidden = $("replay").hidden = $("whole").hidden = true;
+    $("whole").setAttribute("aria-pressed", "false");
     this.render();
     if (key) void this.load();
   }
@@ -86,12 +88,21 @@ export class EvidencePanel {
     if (this.#shown) this.#draw(...this.#shown);
   }
 
+  /** Shows the charts over the whole event, or over the readings at its begin. */
+  #view(whole) {
+    $("whole").setAttribute("aria-pressed", String(whole));
+    this.#charts.view(whole ? null : this.#span);
+  }
+
   #draw(event, updates, estimates) {
     this.#shown = [event, updates, estimates];
     const parts = { readings: readingsOf(updates), updates, estimates, zero_s: updates[0].t_us / 1e6,
       pair: this.#store.pairs.get(`${event.site}/${event.follower}`) };
     if (parts.readings.length) this.#charts.show([speedChart(parts), placeChart(parts), statisticChart(parts)]);
     else this.#charts.say("There is no reading to show.");
+    this.#span = spanOfReadings(parts);
+    $("whole").hidden = this.#span === null;
+    if (this.#span) this.#view($("whole").getAttribute("aria-pressed") === "true");
     this.#replay.open(parts);
     $("details").hidden = false;
     $("facts").replaceChildren(...Object.entries(facts(event, updates, this.#store)).map(([name, value]) =>

@@ -5,6 +5,8 @@ import { el } from "./dom.js";
 const LIBRARY = "/static/vendor/maplibre/maplibre-gl";
 const TILE_PX = 512;
 const ROAD_MS = 2000;
+/** Names of what draws WebGL by the processor: in Chromium, in Mesa, and in Windows. */
+const BY_PROCESSOR = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 const KINDS = [
   [/water|ocean/, "fill", "map-water"], [/earth|^land$/, "fill", "map-land"], [/land|park|green/, "fill", "map-green"], [/building/, "fill", "map-building"],
   [/road|transport|street|highway/, "line", "map-road"], [/bound/, "line", "line"],
@@ -13,20 +15,25 @@ const KINDS = [
 export class Ground {
   #map; #seen = ""; #paths; #drawn = -1; #drawnMs = -ROAD_MS; #base;
 
-  constructor(map, paths, base) {
+  constructor(map, paths, base, isSlow) {
     this.#map = map;
     this.#paths = paths;
     this.#base = base;
+    /** Whether the processor draws it: each change of the view costs more than a frame. */
+    this.isSlow = isSlow;
   }
 
-  /** Opens the map in `node`; null where the browser has no WebGL. */
+  /** Opens the map in `node`. Fails with a sentence where the canvas alone is better: without WebGL, or where it is slow and shows no more. */
   static async open(node, paths) {
-    if (!document.createElement("canvas").getContext("webgl2")) return null;
+    const drawnBy = renderer(), isSlow = BY_PROCESSOR.test(drawnBy);
+    if (!drawnBy) throw new Error("No WebGL in this browser: the road is drawn without a map.");
+    const base = await fetch("/basemap").then((answer) => answer.json());
+    if (isSlow && !base) throw new Error("No graphics card draws WebGL here, and there is no basemap: the road is drawn without a map.");
     document.head.append(el("link", { rel: "stylesheet", href: `${LIBRARY}.css` }));
-    const [{ Map: GlMap }, base] = await Promise.all([import(`${LIBRARY}.mjs`), fetch("/basemap").then((answer) => answer.json())]);
+    const { Map: GlMap } = await import(`${LIBRARY}.mjs`);
     const map = new GlMap({ container: node, style: styleOf(base), interactive: false, attributionControl: false, fadeDuration: 0, maxZoom: 24 });
     await map.once("load");
-    return new Ground(map, paths, base);
+    return new Ground(map, paths, base, isSlow);
   }
 
   get attribution() {
@@ -66,6 +73,15 @@ export class Ground {
     this.#drawn = this.#paths.changes;
     this.#drawnMs = nowMs;
   }
+}
+
+/** What draws WebGL; empty where nothing does. */
+function renderer() {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  if (!gl) return "";
+  const info = gl.getExtension("WEBGL_debug_renderer_info"), name = gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension("WEBGL_lose_context")?.loseContext();
+  return name;
 }
 
 function styleOf(base) {

@@ -8,7 +8,8 @@ import { EvidencePanel } from "./evidence.js";
 import { HandlingPanel, handlingText } from "./handling.js";
 import { History } from "./history.js";
 import { listenKeys } from "./keys.js";
-import { legend, Road } from "./road.js";
+import { legend } from "./legend.js";
+import { Road } from "./road.js";
 import { saveBy } from "./save.js";
 import { renderService } from "./service.js";
 import { renderStatus } from "./status.js";
@@ -48,14 +49,14 @@ function chooseEvent(key) {
   render();
 }
 
-/** Opens or closes the map; where there is no WebGL the road stays as it is drawn. */
+/** Opens or closes the map; where it cannot be opened the road stays as it is drawn, with the reason. */
 async function toggleMap() {
   $("map").disabled = true;
   $("ground").hidden = false;
-  const ground = await road.toggleMap($("ground")).catch(() => null), wasOpen = $("map").getAttribute("aria-pressed") === "true";
+  const [ground, reason] = await road.toggleMap($("ground")).then((map) => [map, ""], (error) => [null, error.message]);
   $("ground").hidden = !ground;
   $("map").setAttribute("aria-pressed", String(ground !== null));
-  setText($("attribution"), ground ? ground.attribution : wasOpen ? "" : "No WebGL in this browser: the road is drawn without a map.");
+  setText($("attribution"), ground?.attribution ?? reason);
   $("map").disabled = false;
 }
 
@@ -223,8 +224,8 @@ function units(feet) {
 
 /** The time zone of all times on the page, such as "Europe/Berlin, UTC+2". */
 function zone() {
-  const minutes = -new Date().getTimezoneOffset(), hours = number(Math.abs(minutes) / 60);
-  return `${Intl.DateTimeFormat().resolvedOptions().timeZone}, UTC${minutes < 0 ? "−" : "+"}${hours}`;
+  const minutes = -new Date().getTimezoneOffset(), hours = number(Math.abs(minutes) / 60), name = Intl.DateTimeFormat().resolvedOptions().timeZone;
+  return name === "UTC" ? name : `${name}, UTC${minutes < 0 ? "−" : "+"}${hours}`;
 }
 
 const vehicleRow = (vehicle) => ({ ...vehicle, vehicle: vehicle.id, kinds: [...vehicle.kinds].join(" "), handling: handlingText(vehicle) });

@@ -1,8 +1,9 @@
 // The seconds around an event, played again: where the vehicle says it is, where it is by the estimate, and its leader.
 
-import { $, number, svg } from "./dom.js";
+import { $, svg } from "./dom.js";
 import { gapOf } from "./series.js";
 import { withUnit } from "./units.js";
+import { distance } from "./words.js";
 
 const STEP_MS = 100;
 const REACH_M = 60;
@@ -61,10 +62,10 @@ export class Replay {
 }
 
 function sentence(t_s, reading, estimate) {
-  const parts = [`${t_s.toFixed(1)} s`, `says ${withUnit("speed", reading.v_mps, number)}`];
-  if (reading.leader_x_m !== null) parts.push(`gap ${withUnit("length", gapOf(reading, reading.x_m), number)}`);
+  const parts = [`${(Math.round(10 * t_s) / 10 || 0).toFixed(1)} s`, `says ${withUnit("speed", reading.v_mps, distance)}`];
+  if (reading.leader_x_m !== null) parts.push(`gap ${withUnit("length", gapOf(reading, reading.x_m), distance)}`);
   if (estimate) {
-    parts.push(`estimate ${withUnit("speed", estimate.v_mps, number)}, ${withUnit("length", Math.abs(reading.x_m - estimate.x_m), number)} ` +
+    parts.push(`estimate ${withUnit("speed", estimate.v_mps, distance)}, ${withUnit("length", Math.abs(reading.x_m - estimate.x_m), distance)} ` +
       `${reading.x_m < estimate.x_m ? "ahead of" : "behind"} where it says`);
   }
   return parts.join(", ");

@@ -1,6 +1,6 @@
 // The road: every vehicle where it says it is, coloured by how its newest reading was judged.
 
-import { $, el, number, setText, svg } from "./dom.js";
+import { $, number, setText } from "./dom.js";
 import { STANDINGS } from "./store.js";
 import { Paths } from "./paths.js";
 import { FOOT_M, inFeet, withUnit } from "./units.js";
@@ -8,6 +8,7 @@ import { Plane, View } from "./view.js";
 
 const EASE_S = 0.18;
 const COAST_S = 1.5;
+const SLOW_MAP_MS = 100;
 const LABELS_MOST = 24;
 const PICK_PX = 14;
 const APART_M = 5000;
@@ -22,6 +23,7 @@ export class Road {
   #following = true;
   #drawnMs = 0;
   #fittedMs = 0;
+  #movedMs = 0;
   #pointer = null;
   #filter = {};
   #paths = new Paths();
@@ -72,7 +74,7 @@ export class Road {
     this.fit();
   }
 
-  /** Opens the map in `node`, or closes it; returns whether it is open. */
+  /** Opens the map in `node`, or closes it; returns it if it is open, and fails as `Ground.open` does. */
   async toggleMap(node) {
     const ground = this.#ground;
     this.#ground = null;
@@ -126,7 +128,10 @@ export class Road {
       this.#view.fit(pairs.map((pair) => [pair.shown_e, pair.shown_n]), this.#ground === null);
       this.#fittedMs = ms;
     }
-    if (this.#centred) Object.assign(this.#view, { east: this.#centred.shown_e, north: this.#centred.shown_n });
+    if (this.#centred && (!this.#ground?.isSlow || ms - this.#movedMs > SLOW_MAP_MS)) {
+      Object.assign(this.#view, { east: this.#centred.shown_e, north: this.#centred.shown_n });
+      this.#movedMs = ms;
+    }
     this.#canvas.dataset.centred = this.#centred?.key ?? "";
     if (this.#plane) this.#ground?.follow(this.#view, this.#plane, this.#canvas.dataset.site, ms);
     this.#draw(pairs);
@@ -326,21 +331,6 @@ export class Road {
       free(act);
     });
   }
-}
-
-export function legend(list) {
-  const counts = {};
-  for (const standing of STANDINGS) {
-    counts[standing] = el("span", {}, "0");
-    const shape = svg("path", { d: "M6 1l4 10-4-2.5-4 2.5z" });
-    const hollow = standing === "silent";
-    shape.setAttribute(hollow ? "stroke" : "fill", `var(--${standing})`);
-    shape.setAttribute(hollow ? "fill" : "stroke", "none");
-    list.append(el("li", {}, svg("svg", { viewBox: "0 0 12 12", "aria-hidden": "true" }, shape), `${standing} `, counts[standing]));
-  }
-  const arrow = svg("path", { d: "M6 1l4 10-4-2.5-4 2.5z", stroke: "var(--recovered)", fill: "none" });
-  list.append(el("li", {}, svg("svg", { viewBox: "0 0 12 12", "aria-hidden": "true" }, arrow), "estimate of an anomalous one"));
-  return (tally) => STANDINGS.forEach((standing) => setText(counts[standing], String(tally[standing] ?? 0)));
 }
 
 /** Between two states a vehicle coasts on as it went, and the picture follows without a jump. */

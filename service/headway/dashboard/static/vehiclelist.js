@@ -46,4 +46,5 @@ function update(button, vehicle, store, current) {
 
 const stateOf = ({ open, missing }) => (open > missing ? "open" : open ? "silent" : "over");
 
-const quality = (known) => known && `sensors ${known.level}`;
+/** What was learnt of the sensors while they had no fault. */
+const quality = (known) => known && `sensors ${known.level === "good" ? "otherwise good" : known.level}`;

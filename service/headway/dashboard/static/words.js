@@ -55,24 +55,23 @@ export function claim(event) {
   }
   if (sensor === "link") return "contradicts what other vehicles send";
   if (sensor === "heading") return "reports a heading in which it does not drive";
-  const metres = sensor !== "speed" && event.deviation_m >= LEAST && position(event);
-  const speed = sensor !== "location" && event.deviation_mps >= LEAST && velocity(event);
-  return [metres, speed].filter(Boolean).join(" and ") || `reports a ${SENSORS[sensor]} that cannot be right`;
+  return deviations(event) || `reports a ${SENSORS[sensor]} that cannot be right`;
 }
 
-function position({ kind, deviation_m, ahead }) {
-  const off = withUnit("length", deviation_m, distance);
-  if (kind === "noise" || ahead === null) return `reports positions up to ${off} off`;
-  return `says it is ${off} further ${ahead ? "ahead" : "back"} than it can be`;
+/** How far position and speed are off, and on which side where that stays the same; empty where neither is known. */
+function deviations({ kind, sensor, deviation_m, deviation_mps, ahead, fast }) {
+  const metres = sensor !== "speed" && deviation_m >= LEAST && withUnit("length", deviation_m, distance);
+  const speed = sensor !== "location" && deviation_mps >= LEAST && withUnit("speed", deviation_mps, distance);
+  const joined = (...parts) => parts.filter(Boolean).join(" and ");
+  if (!metres && !speed) return "";
+  if (kind === "noise" || (metres && ahead === null) || (speed && fast === null)) {
+    return `reports ${joined(metres && `positions up to ${metres}`, speed && `speeds up to ${speed}`)} off`;
+  }
+  return `says it is ${joined(metres && `${metres} further ${ahead ? "ahead" : "back"}`, speed && `${speed} ${fast ? "faster" : "slower"}`)} than it can be`;
 }
 
-function velocity({ kind, deviation_mps, fast }) {
-  const off = withUnit("speed", deviation_mps, distance);
-  if (kind === "noise" || fast === null) return `reports speeds up to ${off} off`;
-  return `says it is ${off} ${fast ? "faster" : "slower"} than it can be`;
-}
-
-const distance = (value) => (value >= 100 ? number(value) : value.toFixed(value < 10 ? 2 : 1));
+/** A deviation as text, in the unit that it is shown in. */
+export const distance = (value) => (value >= 100 ? number(value) : value.toFixed(value < 10 ? 2 : 1));
 
 function form({ kind, sensor, observations }) {
   if (kind === "miss") return "Silent";

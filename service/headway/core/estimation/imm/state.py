@@ -7,18 +7,23 @@ from numba import njit
 
 from headway.core.estimation.imm.modes import (
     DOUBLE_COLUMNS,
+    DOUBLE_OFFSET_COLUMNS,
+    DRIFT,
     HEALTHY,
     MODE_COUNT,
     NOISE,
     SINGLE_COLUMNS,
     SINGLE_FAULT_MODES,
+    SINGLE_OFFSETS,
     sensor_fault_probability,
 )
 from headway.core.estimation.kinematics import (
     AA,
     AX,
+    BB,
     PX,
     SIZE,
+    SS,
     VA,
     VV,
     VX,
@@ -37,6 +42,9 @@ MODE_PROBABILITY_FLOOR = 1e-10
 """No mode is ever given up; log odds stay within +-23."""
 PRUNE_DOUBLES_ABOVE = 0.9997
 """Probability of HEALTHY above which modes with two faults are not updated (ADR 0005, "Ends count")."""
+
+SPEED_MAX_MPS, APART_MAX_M = 200.0, 1_000.0
+"""Speed of a mode, and its distance from the most probable one, from which it has diverged: J2735 ends at 163.8 m/s."""
 
 MODES = np.dtype(
     [
@@ -184,6 +192,38 @@ def save_prior(imm: Any, count: int) -> None:
         copy_column(recovered, j, imm.double.m, j - SINGLE_FAULT_MODES)
     for j in range(count):
         clear_offset(recovered, j)
+
+
+@njit(cache=True, error_model="numpy")
+def restart_from(row: Any, mode: int, m: Any, j: int) -> None:
+    """Overwrite column j of m by a mode of the row, without its offset."""
+    if mode < SINGLE_FAULT_MODES:
+        copy_column(m, j, row.single, mode)
+    else:
+        copy_column(m, j, row.double, mode - SINGLE_FAULT_MODES)
+    clear_offset(m, j)
+
+
+@njit(cache=True, error_model="numpy")
+def restart_diverged(row: Any, p: ModeParams) -> None:
+    """Restart each mode of a row that no car can be in from the most probable mode, its offset unknown.
+
+    A mode that the readings exclude keeps the floor of the probabilities. Nothing holds its state: where both sensors
+    scatter by metres for long, mixing with others of its sort widens it at each reading, until its mean is no number.
+    """
+    likeliest, single, double = int(np.argmax(row.mode_probability)), row.single, row.double
+    x_m = single[PX, likeliest] if likeliest < SINGLE_FAULT_MODES else double[PX, likeliest - SINGLE_FAULT_MODES]
+    for j in range(SINGLE_FAULT_MODES):
+        if not (abs(single[VX, j]) < SPEED_MAX_MPS and abs(single[PX, j] - x_m) < APART_MAX_M):
+            restart_from(row, likeliest, single, j)
+            single[BB, j] = 2.0 * p.fault_size**2 if j in SINGLE_OFFSETS else 0.0
+            single[SS, j] = p.drift_slope0**2 if j in DRIFT else 0.0
+    if row.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE:
+        for k in range(DOUBLE_COLUMNS):
+            if not (abs(double[VX, k]) < SPEED_MAX_MPS and abs(double[PX, k] - x_m) < APART_MAX_M):
+                restart_from(row, likeliest, double, k)
+                if k in DOUBLE_OFFSET_COLUMNS:
+                    double[BB, k], double[SS, k] = 2.0 * p.fault_size**2, p.drift_slope0**2
 
 
 @njit(cache=True, error_model="numpy")

@@ -48,6 +48,7 @@ from headway.core.estimation.imm.state import (
     PRUNE_DOUBLES_ABOVE,
     ModeParams,
     load,
+    restart_diverged,
     save_prior,
     store,
 )
@@ -326,4 +327,5 @@ def update(row: Any, dt_s: float, z: Any, r: Any, motion: Motion, implausible: i
     if not doubles_pruned:
         repaired |= repair_covariance(imm.double)
     store(row, imm, doubles_pruned)
+    restart_diverged(row, p)
     return repaired
