@@ -13,6 +13,8 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from statistics import median
+from typing import NamedTuple
 
 import confluent_kafka
 import msgpack
@@ -26,6 +28,7 @@ from headway_loadtest.measure.result import Outcome
 
 TOPIC = "bsm"
 COMMON, SECONDS, WARMUP_S, WITHIN = 200, 10.0, 8.0, 1.25
+ROUNDS = 3
 HELLO = [1, "hello", 0, 0, 0.0, 0.0, 0.0]
 HERE = Path(__file__).parent
 
@@ -83,7 +86,7 @@ def quixstreams(_vehicles: int) -> Iterator[Running]:
     """Run quixstreams on the mock cluster of librdkafka."""
     cluster = Cluster()
     try:
-        producer = confluent_kafka.Producer({"bootstrap.servers": cluster.brokers, "linger.ms": 1})
+        producer = confluent_kafka.Producer({"bootstrap.servers": cluster.brokers, "linger.ms": 1, "log_level": 1})
 
         def produce(record: list[object]) -> None:
             while True:
@@ -112,50 +115,80 @@ def pyflink() -> list[str]:
     return [environments.python_of(environments.FLINK), str(HERE / "flink_job.py")]
 
 
-PEERS: dict[str, tuple[Start, int]] = {
-    "headway": (ours, 6_000),
-    "naive: zenoh, pydantic, filterpy": (naive("FilterpyPair"), 1_500),
-    "Flink, Java API": (over_a_socket(environments.java_command), 2_000),
-    "Flink, PyFlink": (over_a_socket(pyflink), 400),
-    "quixstreams": (quixstreams, 400),
+class Peer(NamedTuple):
+    """What runs it, the first guess of how many vehicles it holds, and the records of a payload."""
+
+    start: Start
+    guess: int
+    bundle: int = 1
+
+
+PEERS: dict[str, Peer] = {
+    "headway": Peer(ours, 2_000),
+    "headway, bundles of 25": Peer(ours, 8_000, 25),
+    "naive: zenoh, pydantic, filterpy": Peer(naive("FilterpyPair"), 500),
+    "Flink, Java API": Peer(over_a_socket(environments.java_command), 1_500),
+    "Flink, PyFlink": Peer(over_a_socket(pyflink), 300),
+    "quixstreams": Peer(quixstreams, 300),
 }
-"""What runs each, and the first guess of how many vehicles it holds."""
 
 
-def row(start: Start, guess: int) -> str:
-    """Return the cells of a peer: the common load, then the most that it holds."""
-    try:
-        common = measured_load(start, COMMON, 1, SECONDS, WARMUP_S)
-        most = most_held(start, guess, 1, within=WITHIN, warmup_s=WARMUP_S)
-    except PeerError as error:
-        return f"did not run: {error} | | | | |"
-    latency, service = common.latency, common.service
+class Common(NamedTuple):
+    """Of one run at the common load."""
+
+    p50_ms: float
+    p99_ms: float
+    cpu_us: float
+    rss_mb: float
+
+
+def common(peer: Peer) -> Common:
+    """Measure a peer once at the common load."""
+    outcome = measured_load(peer.start, COMMON, peer.bundle, SECONDS, WARMUP_S)
+    latency, service = outcome.latency, outcome.service
     assert latency is not None
     assert service is not None
     assert service.rss_mb is not None
-    return (
-        f"{10 * most.vehicles:,} | {_cpu(most)} | {latency.p50:.1f} / {latency.p99:.0f}"
-        f" | {_cpu(common)} | {service.rss_mb:.0f} |"
-    )
+    return Common(latency.p50, latency.p99, cpu_us(outcome), service.rss_mb)
 
 
-def _cpu(outcome: Outcome) -> str:
+def cpu_us(outcome: Outcome) -> float:
+    """Return the processor time of a message."""
     assert outcome.service is not None
     assert outcome.service.cpu_us is not None
-    return f"{outcome.service.cpu_us:.0f}"
+    return outcome.service.cpu_us
+
+
+def measure(peers: dict[str, Peer]) -> Iterator[str]:
+    """Measure peers in turn, then the most that each holds; yield their rows."""
+    found: dict[str, list[Common]] = {name: [] for name in peers}
+    problems: dict[str, str] = {}
+    for _ in range(ROUNDS):
+        for name, peer in peers.items():
+            try:
+                found[name].append(common(peer))
+            except PeerError as error:
+                problems[name] = str(error)
+    for name, peer in peers.items():
+        if name in problems:
+            yield f"| {name} | did not run: {problems[name]} | | | | |"
+            continue
+        most = most_held(peer.start, peer.guess, peer.bundle, within=WITHIN, warmup_s=WARMUP_S)
+        p50_ms, p99_ms, us, rss_mb = map(median, zip(*found[name], strict=True))
+        held = f"{10 * most.vehicles:,} | {cpu_us(most):.0f}"
+        yield f"| {name} | {held} | {p50_ms:.1f} / {p99_ms:.0f} | {us:.0f} | {rss_mb:.0f} |"
 
 
 def main(*names: str) -> None:
-    """Measure the peers of these names, or all."""
+    """Print the rows of the peers of these names, or of all."""
     sys.stdout.write(
         f"load of the machine {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors\n\n"
         f"| | messages a second held | CPU us a message there | p50 / p99 ms at {10 * COMMON:,} a second"
         " | CPU us a message | memory MB |\n| --- | ---: | ---: | ---: | ---: | ---: |\n"
     )
-    for name, (start, guess) in PEERS.items():
-        if not names or name in names:
-            sys.stdout.write(f"| {name} | {row(start, guess)}\n")
-            sys.stdout.flush()
+    for row in measure({name: peer for name, peer in PEERS.items() if name in names or not names}):
+        sys.stdout.write(f"{row}\n")
+        sys.stdout.flush()
 
 
 if __name__ == "__main__":
