@@ -18,8 +18,8 @@ from typing import IO
 from headway.errors import UserError
 from headway.settings import ENV_PREFIX
 
-READY_S = 300.0
-"""The first start of a model compiles its kernels; later ones load them."""
+READY_S = 1_200.0
+"""The first start of a model compiles its kernels, for many minutes if the machine is busy; later ones load them."""
 STOP_S = 20.0
 PREFIX = "v2x"
 """Of the keys of a service that runs here."""
