@@ -78,10 +78,10 @@ def add_jerk_noise(m: Any, j: int, dt_s: float, q: float) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def add_speed_jump(m: Any, j: int, dt_s: float, lag_s: float, v_var: float) -> None:
-    """Add a jump of the speed of variance `v_var`, `lag_s` ago, to column j; a is unknown after it."""
-    m[XX, j] += lag_s**2 * v_var
-    m[XV, j] += lag_s * v_var
+def add_speed_jump(m: Any, j: int, dt_s: float, v_var: float) -> None:
+    """Add a jump of the speed of variance `v_var` in the middle of `dt_s` to column j; a is unknown after it."""
+    m[XX, j] += 0.25 * dt_s**2 * v_var
+    m[XV, j] += 0.5 * dt_s * v_var
     m[VV, j] += v_var
     m[AA, j] += v_var / dt_s
 

@@ -186,13 +186,10 @@ def step(parts, manoeuvring, h, z, r, motion, p, prune_doubles_above, prune_reco
         if fault_count(name) == 1:
             after[name] = mixed([after[name], onset(prior[HEALTHY], name, h, z, r, onset_probability, p)])
     manoeuvring = prior[HEALTHY].times(manoeuvre)
-    stands = np.exp(-0.5 * (manoeuvring.mean[1] / p.standstill_mps) ** 2)
-    pulls_away = motion.receiver * np.exp(-0.5 * (manoeuvring.mean[1] / p.leap_below_mps) ** 2)
-    jump = max(motion.dead_zone_mps**2 * stands, p.leap_mps**2 * pulls_away)
-    g = np.array([0.5 * h + motion.receiver * p.leap_s, 1.0, 0.0, 0.0, 0.0])
+    jump = motion.dead_zone_mps**2 * np.exp(-0.5 * (manoeuvring.mean[1] / p.standstill_mps) ** 2)
+    g = np.array([0.5 * h, 1.0, 0.0, 0.0, 0.0])
     manoeuvring.cov = manoeuvring.cov + jerk_noise(h, more) + jump * np.outer(g, g)
     manoeuvring.cov[2, 2] += jump / h
-    manoeuvring.cov[0, 0] += pulls_away * (p.leap_std_s * (z[1] - manoeuvring.mean[1])) ** 2
     sources = [after[HEALTHY].times(1.0 - manoeuvre), updated(manoeuvring, HEALTHY, z, r, p.fault_size)]
 
     nu = z - prior[HEALTHY].mean[:2]

@@ -91,14 +91,6 @@ class ModeParams(NamedTuple):
     """Added to it, m^2/s^5: a driver who was steady for long brakes as hard as others. A jerk of 12 m/s^3 in 0.1 s."""
     standstill_mps: float = 0.6
     """Speed below which the reported speed jumps, m/s: some sensors read 0 below about 0.4 m/s (ADR 0005)."""
-    leap_mps: float = 0.3
-    """A receiver that extrapolates between fixes, with the speed of the last one, leaps at the next one as the vehicle
-    pulls away: its speed by so much,"""
-    leap_s: float = 0.75
-    leap_std_s: float = 0.15
-    """its position by so many seconds of that,"""
-    leap_below_mps: float = 1.5
-    """and most at speeds below this one (ADR 0011)."""
     fault_size: float = 0.3
     """Scale of a fault, m or m/s; its Student's t distribution has heavy tails."""
     drift_offset0: float = 0.1

@@ -108,8 +108,6 @@ class Motion(NamedTuple):
     """Share of the driver's manoeuvres that the leader does not explain."""
     dead_zone_mps: float
     """Speed below which the sensor reports 0."""
-    receiver: float
-    """From 0 to 1, how much the sensors are a receiver, whose fixes may leap as the vehicle pulls away."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -158,11 +156,8 @@ def branch_to_faults(imm: Any, dt_s: float, motion: Motion, p: ModeParams) -> No
         for j in range(SINGLE_COLUMNS):
             m[i, j] = healthy
     add_jerk_noise(m, HEALTHY, dt_s, manoeuvre_jerk(motion, p))
-    stands = exp(-0.5 * (m[VX, HEALTHY] / p.standstill_mps) ** 2)
-    pulls_away = motion.receiver * exp(-0.5 * (m[VX, HEALTHY] / p.leap_below_mps) ** 2)
-    jump_variance = max(motion.dead_zone_mps**2 * stands, p.leap_mps**2 * pulls_away)
-    add_speed_jump(m, HEALTHY, dt_s, 0.5 * dt_s + motion.receiver * p.leap_s, jump_variance)
-    m[XX, HEALTHY] += pulls_away * (p.leap_std_s * imm.nu[Z_SPEED]) ** 2
+    slow = exp(-0.5 * (m[VX, HEALTHY] / p.standstill_mps) ** 2)
+    add_speed_jump(m, HEALTHY, dt_s, motion.dead_zone_mps**2 * slow)
     for sensor in (Z_POSITION, Z_SPEED):
         drift = DRIFT[sensor]
         m[BB, drift] = p.drift_offset0**2
