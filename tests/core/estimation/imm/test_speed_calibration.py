@@ -164,7 +164,7 @@ def test_old_positions_are_known_after_the_first_brake(latency_s: float) -> None
     assert bank[0]["calibration"]["latency_s"] == pytest.approx(latency_s, abs=0.05)
 
 
-@pytest.mark.parametrize(("a_mps2", "latency_share"), [(0.0, 0.0), (-3.0, 0.78)])
+@pytest.mark.parametrize(("a_mps2", "latency_share"), [(0.0, 0.0), (-3.0, 0.9)])
 def test_what_a_drift_showed_is_a_latency_where_the_vehicle_brakes(a_mps2: float, latency_share: float) -> None:
     row, p = np.zeros(1, CALIBRATION)[0], CalibrationParams()
     initialise_calibration(row, p)

@@ -66,7 +66,7 @@ class CalibrationParams(NamedTuple):
     """Standard deviations before any reading, random walks per reading, and the limits of what receivers are."""
 
     bias_std_mps: float = 0.15
-    latency_std_s: float = 0.1
+    latency_std_s: float = 0.15
     scale_std: float = 0.005
     """Wheel speeds are 1 to 3 % off, positions 0.1 to 0.5 s older than speeds. A scale that is larger shows as a bias
     first (ADR 0011)."""

@@ -272,12 +272,7 @@ def step(row: Any, z: Any, p: HeadwayParams, verdict: Any, workspace: Any) -> No
     v_mps = row.single[VX, HEALTHY]
     unexplained = unexplained_share(driver, noise.jerk_density) if row.count > 0 else 1.0
     motion = Motion(
-        noise.jerk_density,
-        noise.random_walk_density,
-        noise.manoeuvre,
-        unexplained,
-        calibration.dead_zone_mps,
-        noise.receiver,
+        noise.jerk_density, noise.random_walk_density, noise.manoeuvre, unexplained, calibration.dead_zone_mps
     )
     if row.count == 0 or dt_s > p.max_gap_s:
         verdict.restarted = row.count > 0
