@@ -1,4 +1,4 @@
 """Many sites on many machines: Ray places, starts and ends the services; zenoh carries their data.
 
-`controller` decides and knows neither Ray nor zenoh. `ray_plane` and `epoch_watch` are its hands and its eyes.
+`controller` decides and uses neither Ray nor zenoh: `ray_plane` starts and ends services, `epoch_watch` shows which run.
 """
