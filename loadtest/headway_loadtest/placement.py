@@ -59,7 +59,7 @@ class Costs:
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class Machines:
     """Machines and their faults. The rates are assumptions, to be replaced by those of the operator."""
 
     nodes: int
@@ -100,10 +100,10 @@ def site_sizes(vehicles: int, sites: int, sigma: float, rng: np.random.Generator
     return sizes
 
 
-class Fleet:
+class PlacedSites:
     """Sites on nodes, as they are now."""
 
-    def __init__(self, sizes: F64, plan: Plan, costs: Costs) -> None:
+    def __init__(self, sizes: F64, plan: Machines, costs: Costs) -> None:
         self._sizes, self._plan, self._costs = sizes, plan, costs
         self._cores = costs.cores(sizes)
         self.load = np.zeros(plan.nodes)
@@ -166,10 +166,10 @@ class Fleet:
         return float(self._sizes[~there].sum() + (self._sizes[there] * share[self.node_of[there]]).sum())
 
 
-def simulate(sizes: F64, plan: Plan, costs: Costs, years: float, seed: int) -> Simulated:
+def simulate(sizes: F64, plan: Machines, costs: Costs, years: float, seed: int) -> Simulated:
     """Run a fleet for some years."""
     rng, order = np.random.default_rng(seed), count()
-    fleet = Fleet(sizes, plan, costs)
+    fleet = PlacedSites(sizes, plan, costs)
     first = fleet.load / plan.cores
     events: list[tuple[float, int, str, NDArray[np.intp]]] = []
 
@@ -219,7 +219,7 @@ def main(vehicles: int = 1_000_000, sigma: float = 1.0, years: float = 10.0) -> 
         memory_gb = (costs.memory_mb * processes + costs.vehicle_mb * vehicles) / 1e3
         for spare in (0, 1, 2, 4):
             nodes = math.ceil(busy / cores) + spare
-            found = asdict(simulate(sizes, Plan(nodes, cores), costs, years, seed=1))
+            found = asdict(simulate(sizes, Machines(nodes, cores), costs, years, seed=1))
             what = {"sites": sites, "processes": processes, "cores_busy": busy, "memory_gb": memory_gb, "nodes": nodes}
             sys.stdout.write(json.dumps({name: float(f"{value:.3g}") for name, value in (what | found).items()}) + "\n")
 

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from headway_loadtest.placement import YEAR_S, Costs, Fleet, Plan, simulate, site_sizes
+from headway_loadtest.placement import YEAR_S, Costs, Machines, PlacedSites, simulate, site_sizes
 
 COSTS = Costs(base_cores=0.1, record_us=4.0, start_s=1.0, restore_us=200.0, process_vehicles=10_000, halo=1.25)
-QUIET = Plan(nodes=2, cores=4, failures_per_year=0.0, rack_failures_per_year=0.0, detect_s=2.0)
+QUIET = Machines(nodes=2, cores=4, failures_per_year=0.0, rack_failures_per_year=0.0, detect_s=2.0)
 
 
-def plan(**changes: float) -> Plan:
-    return Plan(**{name: changes.get(name, getattr(QUIET, name)) for name in Plan.__slots__})
+def plan(**changes: float) -> Machines:
+    return Machines(**{name: changes.get(name, getattr(QUIET, name)) for name in Machines.__slots__})
 
 
 def test_a_site_beyond_one_process_is_several_whose_records_at_borders_are_judged_twice() -> None:
@@ -26,7 +26,7 @@ def test_sizes_add_up() -> None:
 
 def test_no_node_has_more_than_the_mean_and_one_site() -> None:
     sizes = site_sizes(100_000, 200, 1.0, np.random.default_rng(1))
-    fleet = Fleet(sizes, plan(nodes=5), COSTS)
+    fleet = PlacedSites(sizes, plan(nodes=5), COSTS)
     cores = COSTS.cores(sizes)
     assert fleet.load.sum() == pytest.approx(cores.sum())
     assert fleet.load.max() <= cores.sum() / 5 + cores.max()
@@ -35,7 +35,7 @@ def test_no_node_has_more_than_the_mean_and_one_site() -> None:
 
 def test_a_failed_nodes_sites_start_on_the_free_cores_of_the_others() -> None:
     """Ten sites of 1,000 vehicles take 0.14 cores each, so 3 of 4 cores are free: two rounds of starts."""
-    fleet = Fleet(np.full(10, 1_000.0), QUIET, COSTS)
+    fleet = PlacedSites(np.full(10, 1_000.0), QUIET, COSTS)
     outages = fleet.fail(np.array([0]))
     assert sorted(outages.values()) == pytest.approx([2.0 + 1.2] * 3 + [2.0 + 2 * 1.2] * 2)
     assert (fleet.node_of == 1).all()
@@ -44,7 +44,7 @@ def test_a_failed_nodes_sites_start_on_the_free_cores_of_the_others() -> None:
 
 
 def test_without_a_node_nothing_is_judged_until_one_is_repaired() -> None:
-    fleet = Fleet(np.array([1_000.0, 3_000.0]), QUIET, COSTS)
+    fleet = PlacedSites(np.array([1_000.0, 3_000.0]), QUIET, COSTS)
     assert fleet.fail(np.array([0, 1])) == {}
     assert fleet.beyond == 4_000.0
     assert fleet.repair(1) == pytest.approx({0: 2.0 + 1.2, 1: 2.0 + 1.6})
@@ -53,7 +53,7 @@ def test_without_a_node_nothing_is_judged_until_one_is_repaired() -> None:
 
 def test_a_node_with_more_load_than_cores_judges_a_share() -> None:
     """10,000 vehicles take 0.5 cores, so eight sites take 4 cores on two nodes, and half of them are judged on one."""
-    fleet = Fleet(np.full(8, 10_000.0), plan(cores=2), COSTS)
+    fleet = PlacedSites(np.full(8, 10_000.0), plan(cores=2), COSTS)
     assert fleet.beyond == 0.0
     fleet.fail(np.array([0]))
     assert fleet.beyond == pytest.approx(40_000.0)

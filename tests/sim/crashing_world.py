@@ -22,14 +22,14 @@ from headway.edge.storage.journal import Journal
 from headway.edge.transport.ports import Channel
 
 DETECTOR = DetectorConfig(vehicle_capacity=32)
-FAULT_EVERY, FAULT_LASTS, FAULT_MPS = 50, 25, 3.0
+FAULT_EVERY, FAULT_LASTS, FAULT_MPS = 50, 15, 3.0
 DOWN_S = (0.5, 3.0)
 DISK_FULL = sqlite3.OperationalError("database or disk is full")
 DISK_FULL.sqlite_errorcode = sqlite3.SQLITE_FULL
 
 
 class CrashingWorld(SimWorld):
-    """Each second vehicle has a faulty speed for half of the time, every five seconds.
+    """Each second vehicle has a faulty speed for 1.5 s, every five seconds.
 
     Crashes and faults of the disk are so many each second. Each `fatal_end`-th end of an event is committed and never
     published, because the process is killed between the two.

@@ -63,7 +63,7 @@ def written(folder: Path) -> list[Event]:
     return [Event.model_validate_json(one) for one in stored]
 
 
-@pytest.mark.parametrize("faults", [{"crashes": 0.15}, {"fatal_end": 5}], ids=["at any time", "between commit and bus"])
+@pytest.mark.parametrize("faults", [{"crashes": 0.15}, {"fatal_end": 4}], ids=["at any time", "between commit and bus"])
 @pytest.mark.parametrize("seed", range(3))
 def test_what_a_killed_process_found_is_published_and_ended(seed: int, faults, tmp_path: Path, monkeypatch) -> None:
     world = lived(seed, tmp_path, monkeypatch, **faults)
