@@ -41,6 +41,16 @@ def test_sensor_and_kind_are_named_and_the_truth_is_recovered(column: str, kind:
     assert not results["anomalous"][622:].any()
 
 
+@pytest.mark.parametrize("alarm_budget_per_hour", [1.0, 1e-3])
+def test_a_fault_beyond_doubt_is_an_alarm_at_any_budget(alarm_budget_per_hour: float) -> None:
+    """The noise is that of a receiver, whose heavy tail takes the gate of a small budget beyond all log odds."""
+    read, _, _ = drive(np.random.default_rng(0), x_std=0.05, v_std=0.05)
+    read["v_mps"][FAULT] += 5.0
+    results, _ = run_model(read, alarm_budget_per_hour=alarm_budget_per_hour)
+    assert results["anomalous"][FAULT].all()
+    assert not results["anomalous"][SETTLED:600].any()
+
+
 def test_one_bad_reading_is_short_and_its_confidence_modest() -> None:
     read, _, _ = drive(np.random.default_rng(1))
     read["x_m"][600] += 0.7

@@ -84,6 +84,8 @@ A doubtful reading that raises no alarm adapts the noise as well. Else a mode of
 and the noise would stay too small (ADR 0011)."""
 KNOWN_WARMING_READINGS = 5
 """A row whose noise is known warms up in so many readings after a gap: the acceleration is known by then."""
+GATE_MAX = -0.99 * log(MODE_PROBABILITY_FLOOR)
+"""Log odds end soon above it. A higher gate, of a budget near zero or of a heavy tail, would hide every fault."""
 HARD_CHANGE_MPS = 1.5
 """Change of speed since the positions that still count, from which an error of the latency looks like a fault. Then
 readings that raise no alarm teach the calibration too (ADR 0011)."""
@@ -196,11 +198,9 @@ def log_odds(fault_probability: float, healthy_probability: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def current_gate(row: Any, p: HeadwayParams) -> float:
-    """Return the gate of the budget, and the margin for noise that has not settled."""
-    return float(
-        gate(row.tail, p.budget, row.noise.receiver)
-        + p.gate_margin * sqrt(step_size(row.noise, p.noise) - p.noise.step_min)
-    )
+    """Return the gate of the budget, which log odds can exceed, and the margin for noise that has not settled."""
+    of_budget = min(gate(row.tail, p.budget, row.noise.receiver), GATE_MAX)
+    return float(of_budget + p.gate_margin * sqrt(step_size(row.noise, p.noise) - p.noise.step_min))
 
 
 @njit(cache=True, error_model="numpy")
