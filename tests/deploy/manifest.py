@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -34,3 +35,16 @@ def names_no_registry(image: str) -> bool:
     """Whether an image is named plainly, as whoever pulls it may find it."""
     first, slash, _ = image.partition("/")
     return not slash or not set(".:") & set(first)
+
+
+def require_confined(pod: Mapping[str, Any], container: Mapping[str, Any]) -> None:
+    """Assert that a pod runs as nobody in particular, without the API of the cluster, and its container read-only."""
+    assert pod["securityContext"]["runAsNonRoot"]
+    assert pod["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
+    assert pod["automountServiceAccountToken"] is False
+    assert container["securityContext"] == {
+        "allowPrivilegeEscalation": False,
+        "readOnlyRootFilesystem": True,
+        "capabilities": {"drop": ["ALL"]},
+    }
+    assert names_no_registry(container["image"])

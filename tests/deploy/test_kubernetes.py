@@ -8,7 +8,7 @@ import pytest
 import yaml
 import zenoh
 from deploy.dockerfile import environment as image_environment
-from deploy.manifest import ROOT, names_no_registry, parse_command, settings_of
+from deploy.manifest import ROOT, parse_command, require_confined, settings_of
 
 from headway.settings import Settings
 
@@ -84,16 +84,8 @@ def test_a_site_has_one_instance() -> None:
 @pytest.mark.parametrize("workload", WORKLOADS, ids=named)
 def test_a_pod_is_confined(workload: dict) -> None:
     spec, only = pod(workload), container(workload)
-    assert spec["securityContext"]["runAsNonRoot"]
-    assert spec["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
-    assert spec["automountServiceAccountToken"] is False
-    assert only["securityContext"] == {
-        "allowPrivilegeEscalation": False,
-        "readOnlyRootFilesystem": True,
-        "capabilities": {"drop": ["ALL"]},
-    }
+    require_confined(spec, only)
     assert {"cpu", "memory"} == set(only["resources"]["limits"])
-    assert names_no_registry(only["image"])
 
 
 @pytest.mark.parametrize("workload", WORKLOADS, ids=named)

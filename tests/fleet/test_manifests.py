@@ -8,7 +8,7 @@ import pytest
 import typer
 import yaml
 import zenoh
-from deploy.manifest import ROOT, names_no_registry
+from deploy.manifest import ROOT, require_confined
 
 from headway.cli import fleet
 from headway.fleet.config import bus_options, read_config
@@ -57,15 +57,7 @@ def test_the_cluster_has_the_version_of_ray_that_is_installed() -> None:
 @pytest.mark.parametrize("group", GROUPS)
 def test_a_pod_is_confined_and_has_what_it_mounts(group: str) -> None:
     spec, only = GROUPS[group]["template"]["spec"], container(group)
-    assert spec["securityContext"]["runAsNonRoot"]
-    assert spec["securityContext"]["seccompProfile"] == {"type": "RuntimeDefault"}
-    assert spec["automountServiceAccountToken"] is False
-    assert only["securityContext"] == {
-        "allowPrivilegeEscalation": False,
-        "readOnlyRootFilesystem": True,
-        "capabilities": {"drop": ["ALL"]},
-    }
-    assert names_no_registry(only["image"])
+    require_confined(spec, only)
     volumes = {volume["name"]: volume for volume in spec["volumes"]}
     assert {mount["name"] for mount in only["volumeMounts"]} == set(volumes)
     assert {"/tmp", "/dev/shm"} <= {mount["mountPath"] for mount in only["volumeMounts"]}

@@ -14,6 +14,7 @@ import msgpack
 import numpy as np
 import zenoh
 from faults.harness.fleet_process import INTERVAL_S, record
+from sim.loopback import session
 
 from headway_schemas import Keys
 from headway_schemas.encodings import BSM_MSGPACK
@@ -28,19 +29,12 @@ def main() -> None:
     parser.add_argument("--fault-every-s", type=float, default=6.0)
     parser.add_argument("--offset-m", type=float, default=20.0)
     options = parser.parse_args()
-    config = zenoh.Config()
-    for key, value in (
-        ("mode", "client"),
-        ("connect/endpoints", [options.endpoint]),
-        ("scouting/multicast/enabled", False),
-    ):
-        config.insert_json5(key, json.dumps(value))
     ended = threading.Event()
     threading.Thread(target=lambda: (sys.stdin.read(), ended.set()), daemon=True).start()
     names = [f"car-{car}" for car in range(options.vehicles)]
     keys = {site: [Keys("v2x", site).bsm(name) for name in names] for site in options.sites}
     sent, rng, k = dict.fromkeys(options.sites, 0), np.random.default_rng(0), 0
-    with zenoh.open(config) as session:
+    with session("client", connect=(options.endpoint,)) as bus:
         start_s, start_us = time.monotonic(), time.time_ns() // 1000
         while not ended.is_set():
             ended.wait(max(0.0, start_s + k * INTERVAL_S - time.monotonic()))
@@ -50,7 +44,7 @@ def main() -> None:
                 offset_m = options.offset_m if is_off and car >= options.vehicles - options.faulty else 0.0
                 message = msgpack.packb(record(name, car, k, t_us + car, offset_m, rng))
                 for site in options.sites:
-                    session.put(
+                    bus.put(
                         keys[site][car], message, encoding=BSM_MSGPACK, congestion_control=zenoh.CongestionControl.BLOCK
                     )
                     sent[site] += 1
