@@ -101,6 +101,26 @@ def test_each_dress_of_a_table_gives_the_same(
     assert records_of(tmp_path / name) == records_of(plain)
 
 
+def test_a_file_without_a_name_in_an_archive_is_read(tmp_path: Path) -> None:
+    plain, archive = tmp_path / "plain.csv", tmp_path / "a.zip"
+    MADE["bsmp1.csv"].write(plain)
+    zipped(plain.read_bytes(), archive)
+    archive.write_bytes(archive.read_bytes().replace(b"folder/BSMP1.CSV", b"\0older/BSMP1.CSV"))
+    assert records_of(archive, form="bsmp1") == records_of(plain)
+
+
+def test_a_table_whose_columns_make_polars_panic_is_left_to_its_reader(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def panic(_path: Path) -> None:
+        raise pl.exceptions.PanicException("called `Option::unwrap()` on a `None` value")
+
+    monkeypatch.setattr(pl, "read_parquet_schema", panic)
+    MADE["bsmp1.parquet"].write(tmp_path / "a.parquet")
+    with pytest.raises(RecordingError, match="unknown column"):
+        rows_of(tmp_path / "a.parquet")
+
+
 def test_a_name_says_nothing_where_the_format_is_named(tmp_path: Path) -> None:
     record = {"v": 1, "id": "a", "msg_cnt": 1, "t_us": ABSOLUTE_US, "lat": 42.3, "lon": -83.7, "speed_mps": 13.5}
     table = pl.DataFrame([record])

@@ -170,9 +170,11 @@ def _parquet_head(path: Path) -> bytes:
     """Return the names of the columns, nothing where they cannot be read: the reader says why."""
     try:
         import polars as pl  # noqa: PLC0415 - an extra
-
+    except ModuleNotFoundError:
+        return b""
+    try:
         return ",".join(pl.read_parquet_schema(path)).encode()
-    except Exception:  # noqa: BLE001 - whatever it is, the reader meets it again
+    except (Exception, pl.exceptions.PanicException):  # noqa: BLE001 - whatever it is, the reader meets it again
         return b""
 
 
@@ -220,7 +222,11 @@ def _unzipped(name: str, path: Path | None, raw: io.BufferedReader) -> tuple[io.
         raise RecordingError(f"{name}: a zip archive is read from a file only")
     try:
         archive = zipfile.ZipFile(raw)
-        members = [member for member in archive.infolist() if not member.is_dir() and "__MACOSX" not in member.filename]
+        members = [
+            member
+            for member in archive.infolist()
+            if not member.filename.endswith("/") and "__MACOSX" not in member.filename
+        ]
         if len(members) != 1:
             raise RecordingError(f"{name}: {len(members)} files in the archive: unpack it, and name those to be read")
         return io.BufferedReader(cast("io.RawIOBase", archive.open(members[0]))), members[0].filename
