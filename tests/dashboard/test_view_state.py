@@ -71,6 +71,15 @@ def test_a_known_statement_gains_evidence_and_never_loses_it() -> None:
     assert [row["has_evidence"] for row in known.delta(1)["updates"]] == [True]
 
 
+def test_a_figure_that_only_the_evidence_gives_is_shown_whichever_came_first() -> None:
+    bare = event(1).model_copy(update={"evidence": None})
+    for order in ((bare, event(1)), (event(1), bare)):
+        known = view_state(order[0])
+        known.apply_event(order[1], 2)
+        (row,) = known.delta(0)["events"]
+        assert (row["updates"], round(row["deviation_mps"], 9), row["fast"]) == (1, 4.0, True)
+
+
 def test_phases_are_statements_of_their_own() -> None:
     known = view_state(event(1), event(1, Phase.CLEARED, t_us=START_US + 1_000_000))
     assert [row["phase"] for row in known.delta(0)["updates"]] == ["onset", "cleared"]

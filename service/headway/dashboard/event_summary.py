@@ -38,9 +38,9 @@ class EventSummary:
         summary.add(event)
         return summary
 
-    def add(self, event: Event) -> None:
-        """Add an update; they come in any order."""
-        self.updates += 1
+    def add(self, event: Event, *, is_new: bool = True) -> None:
+        """Add an update, or one that is not new but has gained evidence; they come in any order."""
+        self.updates += is_new
         self.first_us = min(self.first_us, _first_us(event))
         self.newest = max(self.newest, event, key=_order)
         if event.confidence is not None:

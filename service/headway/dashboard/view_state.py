@@ -127,13 +127,13 @@ class ViewState:
                 self.copies.put(self._copies_received, copy_row(received.site, copy), revision)
 
     def apply_event(self, event: Event, revision: int) -> None:
-        """Apply an event update, live or from the history; a known one only gains evidence."""
+        """Apply an event update, live or from the history; a known one only gains evidence and what it shows."""
         key = (event.site, event.event_id, event.phase, event.detected_us)
         known = self.updates.get(key)
-        if known is None or (known.evidence is None and event.evidence is not None):
-            self.updates.put(key, event, revision)
-        if known is None:
-            self._summarise(event, revision)
+        if known is not None and (known.evidence is not None or event.evidence is None):
+            return
+        self.updates.put(key, event, revision)
+        self._summarise(event, revision, is_new=known is None)
 
     def apply_handling(self, handling: Handling, revision: int) -> None:
         """Apply how a person handles a vehicle, unless a newer decision is known."""
@@ -164,13 +164,13 @@ class ViewState:
             "handlings": [handling.model_dump(mode="json") for handling in self.handlings.since(since)],
         }
 
-    def _summarise(self, event: Event, revision: int) -> None:
+    def _summarise(self, event: Event, revision: int, *, is_new: bool) -> None:
         key = (event.site, event.event_id)
         summary = self.events.get(key)
         if summary is None:
             summary = EventSummary.of(event)
         else:
-            summary.add(event)
+            summary.add(event, is_new=is_new)
         self.events.put(key, summary, revision)
 
     def _apply_health(self, health: Health, revision: int) -> None:
