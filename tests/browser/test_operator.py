@@ -30,6 +30,7 @@ STATUS = "document.getElementById('status').dataset.state"
 HIGHLIGHTED = "document.querySelector('#alerts [aria-current=true]')?.dataset.event"
 SHOWN = "document.getElementById('evidence').dataset.event"
 PICTURES = "[...document.querySelectorAll('#plots canvas')].map((drawn) => drawn.toDataURL())"
+CENTRED = "document.getElementById('road').dataset.centred"
 ROWS = "document.querySelectorAll('#vehicles [data-vehicle]').length"
 
 
@@ -73,6 +74,22 @@ def test_a_silent_site_is_named_and_leaves_the_figures(browser: Browser) -> None
         assert "rsu-north silent" in page.run(text("line"))
         page.until(f"/Vehicles30/.test({text('tile-vehicles')})", within_s=2)
         assert page.run("document.getElementById('road').getAttribute('aria-label')").startswith("30 vehicles")
+
+
+def test_of_a_silent_site_no_event_is_said_to_be_open_and_no_car_is_kept_in_the_middle(
+    page: Browser, endpoint: str
+) -> None:
+    with service(endpoint) as running, alive(running, Traffic(30)) as ended:
+        live(page)
+        running.publish(deviating(3, 1.0))
+        page.until(f"{ROWS} === 1")
+        assert texts(page, "#vehicles .state") == ["open · local"]
+        click(page, "#vehicles [data-vehicle]")
+        page.until(f"{CENTRED} === 'local/veh-0003'")
+        ended.set()
+        page.until(f"{STATUS} === 'blind' && {CENTRED} === ''", within_s=8)
+        assert texts(page, "#vehicles .state") == ["not known · local"]
+        assert page.run("document.querySelector('#alerts [data-event]').dataset.state") == "not known"
 
 
 def test_a_dead_dashboard_leaves_nothing_bright(browser: Browser, endpoint: str) -> None:

@@ -9,6 +9,7 @@ import httpx
 import pytest
 from fake_service import START_US, FakeFeed, Traffic
 
+from headway.client import History
 from headway.dashboard import server as page
 from headway.dashboard.broadcast import Broadcaster
 from headway.dashboard.server import STALL_S, Server, bind, serve
@@ -96,6 +97,22 @@ def test_the_end_lets_every_viewer_go() -> None:
     assert any(line.startswith("data:") for line in lines)
     reader.__exit__(None, None, None)
     assert feed.closed
+
+
+def test_a_request_that_goes_on_at_the_end_writes_no_error(capfd: pytest.CaptureFixture[str]) -> None:
+    asked, ended = threading.Event(), threading.Event()
+
+    class SlowFeed(FakeFeed):
+        def history(self, *_: object) -> History:
+            asked.set()
+            ended.wait(10.0)
+            return History([], answers=1)
+
+    with serving(SlowFeed()) as (port, _), socket.create_connection(("127.0.0.1", port)) as waiting:
+        waiting.sendall(b"GET /history HTTP/1.1\r\nHost: localhost\r\n\r\n")
+        assert asked.wait(10.0)
+        threading.Timer(3.0, ended.set).start()
+    assert capfd.readouterr().err == ""
 
 
 def test_a_bug_stops_the_server_and_shows() -> None:

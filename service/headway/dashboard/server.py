@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import logging
 import socket
 import sys
 from collections.abc import Sequence
@@ -133,6 +134,8 @@ class Server(uvicorn.Server):
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Stop; the viewers first, because their connections stay open until the broadcaster closes."""
         self.broadcaster.close()
+        # A request that still computes or waits for a journal is cancelled, and uvicorn would report that as an error.
+        logging.getLogger("uvicorn.error").setLevel(logging.CRITICAL)
         await super().shutdown(sockets)
         self._running.cancel()
         with contextlib.suppress(asyncio.CancelledError):

@@ -25,7 +25,7 @@ export class AlertList {
     $("alerts-empty").hidden = events.length > 0;
     const shown = this.#more.cut(events);
     if (chosen && !shown.some(({ key }) => key === chosen.key)) shown.push(chosen);
-    this.#rows.render(shown, (row, event) => update(row.firstChild, event, store.stateOf(event), event.key === chosen?.key));
+    this.#rows.render(shown, (row, event) => update(row.firstChild, event, store.stateShown(event), event.key === chosen?.key));
     return shown;
   }
 }

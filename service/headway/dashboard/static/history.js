@@ -8,6 +8,7 @@ import { SENSORS, deviation, likelihood, place } from "./words.js";
 const PAGE = 100;
 const RETRY_MS = 5000;
 const NONE = "No event matches.";
+const UNENDED = new Set(["open", "not known"]);
 
 export class History {
   #store; #rows; #events = new Map(); #filter = {}; #before_us = null; #asked = 0;
@@ -72,7 +73,8 @@ export class History {
     this.#rows.render(this.shown, (row, event) => {
       const [open, ...cells] = row.children;
       setText(open.firstChild, stamp(event.first_us));
-      const texts = [this.#store.stateOf(event) === "open" ? "open" : `until ${clock(event.last_us)}`, event.kind,
+      const state = this.#store.stateShown(event);
+      const texts = [UNENDED.has(state) ? state : `until ${clock(event.last_us)}`, event.kind,
         SENSORS[event.sensor], event.suspect, place(event), event.site, deviation(event), likelihood(event.p_value)];
       cells.forEach((cell, i) => setText(cell, texts[i]));
     });

@@ -7,7 +7,7 @@ import { distance } from "./words.js";
 
 const STEP_MS = 100;
 const REACH_M = 60;
-const WIDTH = 600, MIDDLE = WIDTH * 0.4, Y = 34;
+const HEIGHT = 80, Y = 34, ABOVE = -16, BELOW = 28, LOWEST = 41;
 
 export class Replay {
   #charts; #readings = []; #estimates = new Map(); #zero_s = 0; #timer = 0;
@@ -16,6 +16,7 @@ export class Replay {
     this.#charts = charts;
     $("moment").addEventListener("input", () => { this.#stop(); this.#show(); });
     $("play").addEventListener("click", () => (this.#timer ? this.#stop() : this.#play()));
+    new ResizeObserver(() => { if (!$("replay").hidden) this.#show(); }).observe($("strip"));
   }
 
   /** Takes the readings of an event and the estimate with each; none hides it. */
@@ -48,11 +49,14 @@ export class Replay {
 
   #show() {
     const reading = this.#readings[Number($("moment").value)], estimate = this.#estimates.get(reading.t_s);
-    const at = (x_m) => MIDDLE + (x_m - (estimate?.x_m ?? reading.x_m)) * (WIDTH / 2 / REACH_M);
-    const marks = [svg("path", { class: "road", d: `M0 ${Y + 12}H${WIDTH}` })];
-    if (reading.leader_x_m !== null) marks.push(...car(at(reading.x_m + gapOf(reading, reading.x_m) + (reading.leader_length_m ?? 0)), "leader", "leader"));
-    if (estimate) marks.push(...car(at(estimate.x_m), "recovered", "estimate"));
-    marks.push(...car(at(reading.x_m), "reading", "says", 14));
+    const width = $("strip").clientWidth;
+    const at = (x_m) => 0.4 * width + (x_m - (estimate?.x_m ?? reading.x_m)) * (width / 2 / REACH_M);
+    const add = (x_m, ...named) => marks.push(...car(at(x_m), width, ...named));
+    const marks = [svg("path", { class: "road", d: `M0 ${Y + 12}H${width}` })];
+    if (reading.leader_x_m !== null) add(reading.x_m + gapOf(reading, reading.x_m) + (reading.leader_length_m ?? 0), "leader", "leader", LOWEST);
+    if (estimate) add(estimate.x_m, "recovered", "estimate", BELOW);
+    add(reading.x_m, "reading", "says", ABOVE);
+    $("strip").setAttribute("viewBox", `0 0 ${width} ${HEIGHT}`);
     $("strip").replaceChildren(...marks);
     const t_s = reading.t_s - this.#zero_s;
     $("at").textContent = sentence(t_s, reading, estimate);
@@ -71,9 +75,9 @@ function sentence(t_s, reading, estimate) {
   return parts.join(", ");
 }
 
-/** A car whose front is at x, with its name above or below. */
-function car(x, look, name, lift = 0) {
-  const inside = Math.min(Math.max(x, 20), WIDTH - 20);
-  return [svg("path", { class: look, d: `M${inside.toFixed(1)} ${Y - lift / 2}l-14 -5v10z` }),
-    svg("text", { class: look, x: inside.toFixed(1), y: lift ? Y - 16 : Y + 28, "text-anchor": "middle" }, inside === x ? name : `${name} ${x < inside ? "←" : "→"}`)];
+/** A car whose front is at x of `width`, and its name above or below; that above is lifted off the road. */
+function car(x, width, look, name, nameY) {
+  const inside = Math.min(Math.max(x, 34), width - 34);
+  return [svg("path", { class: look, d: `M${inside.toFixed(1)} ${Y - (nameY < 0 ? 7 : 0)}l-14 -5v10z` }),
+    svg("text", { class: look, x: inside.toFixed(1), y: Y + nameY, "text-anchor": "middle" }, inside === x ? name : `${name} ${x < inside ? "←" : "→"}`)];
 }

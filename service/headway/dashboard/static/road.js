@@ -128,6 +128,7 @@ export class Road {
       this.#view.fit(pairs.map((pair) => [pair.shown_e, pair.shown_n]), this.#ground === null);
       this.#fittedMs = ms;
     }
+    if (this.#centred && !(this.#centred.shown && this.#store.pairs.has(this.#centred.key))) this.fit();
     if (this.#centred && (!this.#ground?.isSlow || ms - this.#movedMs > SLOW_MAP_MS)) {
       Object.assign(this.#view, { east: this.#centred.shown_e, north: this.#centred.shown_n });
       this.#movedMs = ms;
@@ -160,11 +161,9 @@ export class Road {
       if (standing === "silent") pen.stroke();
       else pen.fill();
     }
-    pen.beginPath();
-    for (const pair of groups.anomalous) ring(pen, pair, size + 7);
-    pen.strokeStyle = colours.anomalous;
-    pen.stroke();
+    rings(pen, groups.anomalous, size + 7, colours.anomalous);
     this.#estimates(groups.anomalous, size);
+    if (this.#centred) rings(pen, [this.#centred], size + 11, colours.text);
     this.#labels(pairs, groups.anomalous);
     this.#scaleBar();
     this.#compass();
@@ -233,7 +232,8 @@ export class Road {
 
   #labels(pairs, anomalous) {
     const pen = this.#pen, { vehicle } = this.#filter;
-    const named = vehicle ? pairs.filter((pair) => pair.follower.includes(vehicle)) : anomalous;
+    const named = vehicle ? pairs.filter((pair) => pair.follower.includes(vehicle)) : [...anomalous];
+    if (this.#centred) named.unshift(this.#centred);
     pen.font = "11px system-ui, 'DejaVu Sans', sans-serif";
     pen.textAlign = "center";
     pen.lineWidth = 3;
@@ -365,9 +365,14 @@ function arrow(pen, pair, angle, size) {
   pen.lineTo(pair.px + dx, pair.py + dy);
 }
 
-function ring(pen, pair, radius) {
-  pen.moveTo(pair.px + radius, pair.py);
-  pen.arc(pair.px, pair.py, radius, 0, 2 * Math.PI);
+function rings(pen, pairs, radius, colour) {
+  pen.beginPath();
+  for (const { px, py } of pairs) {
+    pen.moveTo(px + radius, py);
+    pen.arc(px, py, radius, 0, 2 * Math.PI);
+  }
+  pen.strokeStyle = colour;
+  pen.stroke();
 }
 
 function nearest(pairs, { x, y }) {

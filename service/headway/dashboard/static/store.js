@@ -69,6 +69,16 @@ export class Store {
     return this.nowUs - event.last_us > LAPSE_US ? "lapsed" : "open";
   }
 
+  /** The same for people: an open event of a silent site may have ended since. */
+  stateShown(event) {
+    const state = this.stateOf(event);
+    return state === "open" && !this.isLive(event.site) ? "not known" : state;
+  }
+
+  isLive(site) {
+    return this.siteState(site).state !== "silent";
+  }
+
   eventsNewestFirst(filter) {
     const wanted = [...this.events.values()].filter((event) => matches(event, filter));
     return wanted.sort((a, b) => b.first_us - a.first_us);
@@ -97,7 +107,7 @@ export class Store {
 
   /** Marks the pairs that the filter shows; those of a silent site are old, so never. */
   markShown(filter) {
-    const live = new Set(this.sites.filter((site) => this.siteState(site).state !== "silent"));
+    const live = new Set(this.sites.filter((site) => this.isLive(site)));
     const suspects = new Set();
     if (filter.kind) {
       for (const event of this.events.values()) {

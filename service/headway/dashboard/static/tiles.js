@@ -26,7 +26,7 @@ export function tiles() {
       setText(parts[key].note, some ? note : "no site reports");
       parts[key].tile.classList.toggle("alarm", some && alarm);
     };
-    figures(set, sum, events.filter((event) => store.stateOf(event) === "open").length, events.length);
+    figures(set, sum, events.filter((event) => store.stateShown(event) === "open").length, events.length);
     if (some && (filter.vehicle || filter.kind)) set("vehicles", count(store.shownPairs().length), "of this filter");
     for (const { path, trend } of Object.values(parts)) if (trend) path.setAttribute("d", sparkline(store.trends[trend]));
   };

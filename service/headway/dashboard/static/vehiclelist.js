@@ -32,19 +32,20 @@ export class VehicleList {
 
 function update(button, vehicle, store, current) {
   const [who, state, what, since, worst, kinds, handled] = button.children;
-  button.dataset.state = stateOf(vehicle);
+  const known = stateOf(vehicle, store);
+  button.dataset.state = known;
   button.dataset.handling = vehicle.decision?.action ?? "";
   setText(handled, handlingText(vehicle));
   button.setAttribute("aria-current", String(current));
   setText(who, vehicle.id);
-  setText(state, `${stateOf(vehicle)} · ${vehicle.site}`);
+  setText(state, `${known} · ${vehicle.site}`);
   setText(what, sentences(vehicle.worst, "").join(" "));
   setText(since, `${count(vehicle.count)} event${vehicle.count > 1 ? "s" : ""}, ${clock(vehicle.first_us)} to ${clock(vehicle.last_us)}`);
   setText(worst, deviation(vehicle) && `worst ${deviation(vehicle)}`);
   setText(kinds, [[...vehicle.kinds].sort().join(", "), quality(store.qualities.get(vehicle.key))].filter(Boolean).join(" · "));
 }
 
-const stateOf = ({ open, missing }) => (open > missing ? "open" : open ? "silent" : "over");
+const stateOf = ({ open, missing, site }, store) => (!open ? "over" : !store.isLive(site) ? "not known" : open > missing ? "open" : "silent");
 
 /** What was learnt of the sensors while they had no fault. */
 const quality = (known) => known && `sensors ${known.level === "good" ? "otherwise good" : known.level}`;

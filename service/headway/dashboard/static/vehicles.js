@@ -30,8 +30,7 @@ export function vehiclesOf(store, filter) {
 
 /** Vehicles of live sites with open events: those that are wrong, those that are only absent, and the muted ones. */
 export function openVehicles(store) {
-  const live = new Set(store.sites.filter((site) => store.siteState(site).state !== "silent"));
-  const open = vehiclesOf(store, {}).filter((vehicle) => vehicle.open && live.has(vehicle.site));
+  const open = vehiclesOf(store, {}).filter((vehicle) => vehicle.open && store.isLive(vehicle.site));
   const loud = open.filter(({ muted }) => !muted);
   return {
     faulty: loud.filter((vehicle) => vehicle.open > vehicle.missing), absent: loud.filter((vehicle) => vehicle.open === vehicle.missing),
