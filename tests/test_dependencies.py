@@ -62,7 +62,7 @@ def test_every_extra_is_declared_and_brings_the_package_it_is_named_for() -> Non
     brought = {package: required(extra) for package, extra in EXTRAS.items()}
     owners = metadata.packages_distributions()
     assert all(brought[package] & {owner.lower().replace("_", "-") for owner in owners[package]} for package in EXTRAS)
-    assert not {"polars", "matplotlib", "starlette", "uvicorn", "zstandard"} & required()
+    assert not {"polars", "pyarrow", "matplotlib", "starlette", "uvicorn", "zstandard"} & required()
 
 
 @pytest.mark.parametrize(

@@ -12,8 +12,11 @@ from functools import cache
 from itertools import chain
 from pathlib import Path
 from tempfile import NamedTemporaryFile, TemporaryDirectory
+from typing import Any
 
 import polars as pl
+import pyarrow as pa
+import pyarrow.parquet as pq
 import zstandard
 from gateways.recordings.made_files import MADE
 
@@ -45,8 +48,17 @@ _SEEDS = {
     "bsm csv": _BSM_CSV,
     "bsm lines": b'{"v":1,"id":"a","msg_cnt":1,"t_us":1700000000000000,"lat":42.3,"lon":-83.7,"speed_mps":13.5}\n' * 3,
 }
+_NESTED = {
+    "id": "a", "msg_cnt": 1, "t_us": 1700000000000000, "lat": 42.3, "lon": -83.7, "speed_mps": 13.5,
+    "leader": {"id": "b", "range_m": 20.0, "range_rate_mps": 0.5},
+}  # fmt: skip
+_PARQUET_FORMS: tuple[dict[str, Any], ...] = (
+    {"compression": "zstd"},
+    {"data_page_version": "2.0", "compression": "gzip"},
+    {"use_dictionary": False, "compression": "none", "write_statistics": False, "store_schema": False},
+)
 _WHOLE = ("compressed", "parquet")
-"""Files that are opened by their name, so that decompression and polars are under fuzz too."""
+"""Files that are opened by their name, so that decompression and the process that reads Parquet are under fuzz too."""
 FUZZED = (*_FILES, "columns", *_SEEDS, *_WHOLE)
 _COMPRESSIONS: tuple[Callable[[bytes], bytes], ...] = (gzip.compress, bz2.compress, lzma.compress, zstandard.compress)
 
@@ -59,7 +71,9 @@ def seeds(word: str) -> list[bytes]:
     if word == "compressed":
         return [*(compress(_SEEDS["bsm lines"]) for compress in _COMPRESSIONS), _zipped(_SEEDS["bsm lines"])]
     if word == "parquet":
-        return [_parquet(_SEEDS[table]) for table in ("bsm csv", "datawsu")]
+        tables = [pl.read_csv(_SEEDS[table]).to_arrow() for table in ("bsm csv", "datawsu")]
+        tables.append(pa.Table.from_pylist([_NESTED]))
+        return [_parquet(pa.concat_tables([table] * 20), **form) for table in tables for form in _PARQUET_FORMS]
     with TemporaryDirectory() as folder:
         return [_beginning(Path(folder) / name) for name in _FILES.get(word, ("gnss.csv",))]
 
@@ -83,9 +97,9 @@ def _zipped(content: bytes) -> bytes:
     return archive.getvalue()
 
 
-def _parquet(content: bytes) -> bytes:
+def _parquet(table: pa.Table, **form: Any) -> bytes:
     file = io.BytesIO()
-    pl.read_csv(content).write_parquet(file)
+    pq.write_table(table, file, **form)
     return file.getvalue()
 
 

@@ -18,6 +18,8 @@ COLUMNS = ("t_s", "leader_x_m", "follower_x_m", "leader_v_mps", "follower_v_mps"
 ORIGIN_LAT, ORIGIN_LON = 42.28, -83.74
 ROADS_APART_DEG = 0.02
 HEADER_LINES = 1
+ROAD_M_MAX = 1e6
+"""A road has a point for each metre."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +82,7 @@ def _columns(path: Path) -> list[F64]:
     t_s, leader_x_m, follower_x_m, *speeds, length_m = columns
     _require(path, np.diff(t_s, prepend=-np.inf) > 0, "t_s does not increase")
     _require(path, leader_x_m > follower_x_m, "the leader is not ahead of the follower")
+    _require(path, leader_x_m - follower_x_m.min() < ROAD_M_MAX, "the leader is over 1,000 km ahead of a follower")
     _require(path, np.minimum(*speeds) >= 0, "a speed is below 0")
     _require(path, length_m > 0, "leader_length_m is not above 0")
     return columns

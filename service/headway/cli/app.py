@@ -26,6 +26,7 @@ EXTRAS: Final = {
     "matplotlib": "plots",
     "paho": "mqtt",
     "polars": "recordings",
+    "pyarrow": "recordings",
     "ray": "fleet",
     "starlette": "dashboard",
     "uvicorn": "dashboard",

@@ -52,6 +52,7 @@ def test_pairs_have_roads_of_their_own(tmp_path):
         ((HEADER, ROWS[1], ROWS[0]), "row 3: t_s does not increase"),
         ((HEADER, ROWS[0], "0.1,5.0,10.8,9.0,8.0,4.5"), "row 3: the leader is not ahead of the follower"),
         ((HEADER, "0.0,30.0,10.0,-9.0,8.0,4.5"), "row 2: a speed is below 0"),
+        ((HEADER, ROWS[0], "0.1,1e17,10.8,9.0,8.0,4.5"), "row 3: the leader is over 1,000 km ahead"),
         ((HEADER, "0.0,30.0,10.0,9.0,8.0,0"), "row 2: leader_length_m is not above 0"),
     ],
 )

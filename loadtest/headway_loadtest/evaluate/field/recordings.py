@@ -5,6 +5,7 @@ Records of one `Recording` meet each other on the road; those of two never do.
 
 import gzip
 import json
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -48,6 +49,8 @@ READING_NOISE = 0.01
 GNSS_COLUMNS = ("t_s", "id", "lat", "lon", "speed_mps")
 MEASURED = ("lat", "lon", "speed_mps")
 OPTIONAL = ("heading_deg", "accel_mps2", "accuracy_m", "length_m")
+_LINE_BYTES_MAX = 65_536
+_INTEGER_MAX = 2**63 - 1
 JSON_ENDINGS = (".jsonl", ".jsonl.gz", ".ndjson")
 
 
@@ -170,8 +173,8 @@ def _is_recording(path: Path) -> bool:
 
 
 def _is_pair(path: Path) -> bool:
-    with path.open(encoding="utf-8-sig") as lines:
-        return "follower_x_m" in lines.readline()
+    with path.open("rb") as lines:
+        return b"follower_x_m" in lines.readline(_LINE_BYTES_MAX)
 
 
 def _named(path: Path, vehicles: tuple[str, ...], messages: Records, run: int | None = None) -> Recording:
@@ -222,34 +225,41 @@ def read_bsm_lines(path: Path) -> Recording:
     rows: list[tuple[Any, ...]] = []
     index: dict[str, int] = {}
     opener = gzip.open if path.suffix == ".gz" else open
+    number = 0
     try:
-        with opener(path, "rt", encoding="utf-8") as lines:
-            for number, line in enumerate(lines, 1):
-                bsm = json.loads(line) if line.strip() else None
-                if bsm is not None and all(bsm.get(name) is not None for name in MEASURED):
-                    rows.append(_row(bsm, index, path, number))
-    except (OSError, ValueError) as error:
+        with opener(path, "rb") as lines:
+            while line := lines.readline(_LINE_BYTES_MAX):
+                number += 1
+                bsm = json.loads(line) if line.strip() else {}
+                if all(bsm.get(name) is not None for name in MEASURED):
+                    rows.append(_row(bsm, index))
+    except (OSError, EOFError, zlib.error) as error:
         raise SourceError(f"{path}: {error}") from None
+    except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        raise SourceError(f"{path}: line {number}: not a BSM v1 record ({error})") from None
     if not rows:
         raise SourceError(f"{path}: no records in it")
     return _named(path, tuple(index), np.array(rows, MESSAGE))
 
 
-def _row(bsm: dict[str, Any], index: dict[str, int], path: Path, number: int) -> tuple[Any, ...]:
-    try:
-        optional = (np.nan if bsm.get(name) is None else float(bsm[name]) for name in OPTIONAL)
-        return (
-            index.setdefault(str(bsm["id"]), len(index)),
-            int(bsm["msg_cnt"]),
-            int(bsm["t_us"]),
-            int(bsm.get("received_us") or bsm["t_us"] + DELAY_US),
-            float(bsm["lat"]),
-            float(bsm["lon"]),
-            float(bsm["speed_mps"]),
-            *optional,
-        )
-    except (KeyError, TypeError) as error:
-        raise SourceError(f"{path}: line {number}: not a BSM v1 record ({error})") from None
+def _row(bsm: dict[str, Any], index: dict[str, int]) -> tuple[Any, ...]:
+    optional = (np.nan if bsm.get(name) is None else float(bsm[name]) for name in OPTIONAL)
+    return (
+        index.setdefault(str(bsm["id"]), len(index)),
+        _integer(bsm["msg_cnt"]),
+        _integer(bsm["t_us"]),
+        _integer(bsm.get("received_us") or bsm["t_us"] + DELAY_US),
+        float(bsm["lat"]),
+        float(bsm["lon"]),
+        float(bsm["speed_mps"]),
+        *optional,
+    )
+
+
+def _integer(value: Any) -> int:
+    if not -_INTEGER_MAX <= value <= _INTEGER_MAX:
+        raise ValueError(f"{value} is beyond 64 bits")
+    return int(value)
 
 
 def read_pair(path: Path, seed: int, run: int) -> Recording:

@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, Final
 
-from headway.gateways.recordings.reader import CHUNK, Record, Row, Source, parquet_library
+from headway.gateways.recordings.parquet import opened_table
+from headway.gateways.recordings.reader import CHUNK, Record, Row, Source
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, NEEDED, WIRE_VERSION, Bsm
 
 RECEIVED: Final = "received_us"
@@ -118,21 +119,18 @@ def read_csv(source: Source) -> Iterator[list[Row]]:
 
 
 def read_parquet(source: Source) -> Iterator[list[Row]]:
-    """Read a Parquet file, some row groups at a time."""
-    with parquet_library(source) as pl:
-        scan = pl.scan_parquet(source.path).rename(str.lower)
-        schema = scan.collect_schema()
-        _require(source, schema.names())
-        for name, dtype in schema.items():
-            if name != "leader" and (name in _TEXT) is not (dtype in (pl.String, pl.Categorical)):
-                raise source.error(f"column {name} is {dtype}")
-        count = scan.select(pl.len()).collect().item()
-        first = 0
-        source.share = lambda: first / count
-        while first < count:
-            records = records_of(columns_of(scan.slice(first, CHUNK * 10).collect()))
+    """Read a Parquet file, some rows at a time."""
+    assert source.path is not None
+    with opened_table(source.path) as table:
+        names = [column.name.lower() for column in table.columns]
+        _require(source, names)
+        for name, (_, kind, is_text) in zip(names, table.columns, strict=True):
+            if name != "leader" and (name in _TEXT) is not is_text:
+                raise source.error(f"column {name} is {kind}")
+        source.share = table.share
+        for first, values in table.batches():
+            records = records_of(dict(zip(names, values, strict=True)))
             yield [Row(number, record) for number, record in enumerate(records, first + 1)]
-            first += len(records)
 
 
 def _require(source: Source, names: Iterable[str]) -> None:

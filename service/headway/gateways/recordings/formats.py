@@ -167,6 +167,8 @@ def _reader(source: Source, form: str) -> Reader:
     word = format_of(source.head) if form == AUTO else form
     if word is not None and word in FORMATS:
         return _in_chunks(FORMATS[word].read)
+    if source.stream.peek(4)[:4] == PARQUET:
+        return read_parquet
     reader = _BSM_READERS.get(source.ending)
     if reader is None and form == AUTO and source.path is not None:
         raise source.error(
@@ -178,8 +180,6 @@ def _reader(source: Source, form: str) -> Reader:
 
 def _bsm_reader(source: Source) -> Reader:
     """Return the reader of BSM v1 for a recording whose name has no ending that says it."""
-    if source.stream.peek(4)[:4] == PARQUET:
-        return read_parquet
     return read_lines if source.head.lstrip(BOM + b" \t\r\n")[:1] == b"{" else read_csv
 
 

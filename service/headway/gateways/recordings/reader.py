@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import ModuleType
 from typing import Any, Final, NamedTuple, TypeAlias, cast
 
 from headway.feeds.refusal import Refusal
+from headway.gateways.recordings.parquet import ParquetError, opened_table
 
 STANDARD_INPUT: Final = "-"
 PARQUET: Final = b"PAR1"
@@ -41,6 +41,10 @@ _HEAD_BYTES: Final = 65_536
 
 class RecordingError(Exception):
     """A recording that cannot be read: one line that names the file and the place."""
+
+    def __init__(self, text: str) -> None:
+        # Names of columns are what the file says, so they may hold what a terminal obeys.
+        super().__init__("".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in text))
 
 
 class Truth(NamedTuple):
@@ -74,7 +78,6 @@ class Source:
     stream: "io.BufferedReader[Any]"
     path: Path | None = None
     """None for standard input."""
-    compressed: bool = False
     share: Callable[[], float] = field(default=lambda: 0.0)
     """How much of it is read, 0 to 1; always 0 for standard input."""
     head: bytes = b""
@@ -139,6 +142,8 @@ def named_errors(name: str) -> Iterator[None]:
         raise RecordingError(f"{name}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise RecordingError(f"{name}: not UTF-8 text") from None
+    except ParquetError as error:
+        raise RecordingError(f"{name}: {error}") from None
     except _decompression_errors() as error:
         raise RecordingError(f"{name}: cut or damaged: {error}") from None
 
@@ -155,42 +160,18 @@ def _source(name: str, path: Path | None, raw: io.BufferedReader) -> Source:
         raise RecordingError(f"{name}: empty")
     if head.startswith(_UTF_16):
         raise RecordingError(f"{name}: text in UTF-16: save it as UTF-8")
+    if head.startswith(PARQUET) and (path is None or stream is not raw):
+        raise RecordingError(f"{name}: Parquet is read from an uncompressed file only")
     rewound = io.BufferedReader(_Rewound(head, stream), _HEAD_BYTES)
     if path is None:
         return Source(name, "", rewound, head=head)
     size = path.stat().st_size
     ending = _ending(path) if inner is None else _ending(Path(inner))
-    source = Source(name, ending, rewound, path, stream is not raw, lambda: min(raw.tell() / size, 1.0), head)
-    if head.startswith(PARQUET) and not source.compressed:
-        source.head = _parquet_head(path) or head
+    source = Source(name, ending, rewound, path, lambda: min(raw.tell() / size, 1.0), head)
+    if head.startswith(PARQUET):
+        with opened_table(path) as table:
+            source.head = ",".join(column.name for column in table.columns).encode()
     return source
-
-
-def _parquet_head(path: Path) -> bytes:
-    """Return the names of the columns, nothing where they cannot be read: the reader says why."""
-    try:
-        import polars as pl  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError:
-        return b""
-    try:
-        return ",".join(pl.read_parquet_schema(path)).encode()
-    except (Exception, pl.exceptions.PanicException):  # noqa: BLE001 - whatever it is, the reader meets it again
-        return b""
-
-
-@contextmanager
-def parquet_library(source: Source) -> Iterator[ModuleType]:
-    """Lend polars for a Parquet file, and turn what it raises at a damaged one into a `RecordingError`."""
-    if source.path is None or source.compressed:
-        raise source.error("Parquet is read from an uncompressed file only")
-    try:
-        import polars as pl  # noqa: PLC0415 - an extra
-    except ModuleNotFoundError:
-        raise source.error("Parquet needs polars: pip install 'headway[recordings]'") from None
-    try:
-        yield pl
-    except (pl.exceptions.PolarsError, pl.exceptions.PanicException, ValueError) as error:
-        raise source.error(error) from None
 
 
 def _ending(path: Path) -> str:

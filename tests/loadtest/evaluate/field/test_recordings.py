@@ -1,5 +1,6 @@
 """Files as they come: what is read from each form."""
 
+import gzip
 import json
 
 import numpy as np
@@ -73,14 +74,25 @@ def test_the_course_fills_in_for_a_heading_that_is_absent(tmp_path):
     [
         ("a.csv", "t_s,id,lat\n0,a,1\n", "no column lon, speed_mps"),
         ("a.jsonl", '{"id":"a","lat":1,"lon":2,"speed_mps":3}\n', "line 1: not a BSM v1 record"),
-        ("a.jsonl", "{", "a.jsonl: "),
+        ("a.jsonl", "{", "a.jsonl: line 1: "),
+        ("a.jsonl", "[1]", "line 1: not a BSM v1 record"),
+        ("a.jsonl", "[" * 60_000, "line 1: not a BSM v1 record"),
+        ("a.jsonl", '{"id":"a","lat":1,"lon":2,"speed_mps":3,"msg_cnt":1,"t_us":1e30}', "beyond 64 bits"),
+        ("a.parquet", "PAR1\udcff\udcfe", "no column t_s"),
         ("a.jsonl", "", "no records"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_named(tmp_path, name, text, said):
-    (tmp_path / name).write_text(text)
+    (tmp_path / name).write_text(text, errors="surrogateescape")
     with pytest.raises(SourceError, match=said):
         list(load(tmp_path / name, 1, 0))
+
+
+def test_a_cut_archive_is_named(tmp_path):
+    bsm = {"v": 1, "id": "x", "msg_cnt": 3, "t_us": T0_US, "lat": 1.0, "lon": 2.0, "speed_mps": 3.0}
+    (tmp_path / "a.jsonl.gz").write_bytes(gzip.compress(f"{json.dumps(bsm)}\n".encode() * 999)[:-9])
+    with pytest.raises(SourceError, match="ended before"):
+        list(load(tmp_path / "a.jsonl.gz", 1, 0))
 
 
 def test_an_empty_folder_is_named(tmp_path):

@@ -5,9 +5,11 @@ import io
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
-from headway.gateways.recordings.reader import PARQUET, Source, parquet_library
+from headway.gateways.recordings.parquet import opened_table
+from headway.gateways.recordings.reader import PARQUET, Source
 
 _NOT_GIVEN: Final = frozenset({"", "n/a", "na", "nan", "null", "none", "\\n", "-"})
 _DELIMITERS: Final = ",;\t|"
@@ -18,7 +20,6 @@ _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_.-]")
 _ID_MAX: Final = 64
 _CELL_MAX: Final = 1_000_000
-_ROWS_AT_ONCE: Final = 20_000
 CUT_ROW: Final = "another number of cells than the header has"
 
 
@@ -52,8 +53,8 @@ def table_rows(source: Source) -> Iterator[TableRow]:
 
     A row of CSV that cannot be taken apart comes without cells.
     """
-    if source.path is not None and not source.compressed and source.stream.peek(4)[:4] == PARQUET:
-        yield from _parquet_rows(source)
+    if source.path is not None and source.stream.peek(4)[:4] == PARQUET:
+        yield from _parquet_rows(source.path, source)
         return
     csv.field_size_limit(_CELL_MAX)
     text = io.TextIOWrapper(source.stream, "utf-8-sig", errors="replace", newline="")
@@ -75,15 +76,12 @@ def table_rows(source: Source) -> Iterator[TableRow]:
         text.detach()
 
 
-def _parquet_rows(source: Source) -> Iterator[TableRow]:
-    with parquet_library(source) as pl:
-        scan = pl.scan_parquet(source.path)
-        yield TableRow(1, scan.collect_schema().names())
-        count = scan.select(pl.len()).collect().item()
-        for first in range(0, count, _ROWS_AT_ONCE):
-            source.share = lambda first=first: first / count  # type: ignore[misc]
-            rows = scan.slice(first, _ROWS_AT_ONCE).collect().iter_rows()
-            yield from (TableRow(number, cells) for number, cells in enumerate(rows, first + 2))
+def _parquet_rows(path: Path, source: Source) -> Iterator[TableRow]:
+    with opened_table(path) as table:
+        yield TableRow(1, [column.name for column in table.columns])
+        source.share = table.share
+        for first, values in table.batches():
+            yield from (TableRow(number, cells) for number, cells in enumerate(zip(*values, strict=True), first + 2))
 
 
 def number(cell: Any) -> float | int | None:
