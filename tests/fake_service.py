@@ -11,7 +11,7 @@ import zenoh
 
 from headway.client import Connection, History, Message, SiteMessage
 from headway_schemas import Event, Evidence, Health, Innovation, Keys, Kind, PairState, Phase, Recovered, Sensor
-from headway_schemas.event import Stage
+from headway_schemas.event import Deviation, Stage
 from headway_schemas.handling import HANDLINGS, Handling, HandlingRequest
 from headway_schemas.query import EVENTS, AlertsQuery
 from headway_schemas.state import Standing
@@ -42,6 +42,7 @@ def event(
     received, over = kind is not Kind.MISS, phase is not Phase.CLEARED
     wrong_s = ((onset_us or t_us) / 1e6 - 0.05, t_us / 1e6 - (0 if over else 1.0) + 0.05)
     readings = tuple(_readings(t_us / 1e6, wrong_s, off_x_m, off_v_mps)) if received else ()
+    deviation = Deviation(x_m=off_x_m, v_mps=off_v_mps) if received and sensor is not Sensor.LINK else None
     if not over:
         off_x_m = off_v_mps = 0.0
     statistic = 61.0 + 7.0 * math.sin(n) if over else 2.1
@@ -66,6 +67,7 @@ def event(
         )
         if received
         else None,
+        deviation=deviation,
         latency_us={Stage.WIRE: 1_100, Stage.QUEUE: 340, Stage.DECODE: 120, Stage.DETECT: 740},
         model="headway",
         config_hash="7f3a91c2",

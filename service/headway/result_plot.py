@@ -25,7 +25,9 @@ def draw(result: "Result", vehicle: str) -> Figure:
     location.set(ylabel="location, m")
     statistic.plot(t_s, verdicts["statistic"] / verdicts["gate"], ".", label="statistic / gate")
     statistic.axhline(1.0, color="tab:red", linewidth=0.8)
-    statistic.set(ylabel="statistic / gate", yscale="symlog", xlabel=f"s after {vehicle}'s first record")
+    statistic.set(ylabel="statistic / gate", xlabel=f"s after {vehicle}'s first record")
+    statistic.set_yscale("symlog", linthresh=1.0)
+    statistic.yaxis.set_major_formatter("{x:g}")
     for axes in (speed, location, statistic):
         axes.fill_between(
             t_s,

@@ -72,8 +72,9 @@ def test_a_known_statement_gains_evidence_and_never_loses_it() -> None:
 
 
 def test_a_figure_that_only_the_evidence_gives_is_shown_whichever_came_first() -> None:
-    bare = event(1).model_copy(update={"evidence": None})
-    for order in ((bare, event(1)), (event(1), bare)):
+    full = event(1).model_copy(update={"deviation": None})
+    bare = full.model_copy(update={"evidence": None})
+    for order in ((bare, full), (full, bare)):
         known = view_state(order[0])
         known.apply_event(order[1], 2)
         (row,) = known.delta(0)["events"]

@@ -68,7 +68,7 @@ def test_each_step_does_what_the_page_says(tmp_path: Path) -> None:
     shell.run(install.replace(PUBLISHED, f"'{clone}["))
     shutil.rmtree(clone)
     report = shell.run(demo)
-    assert "faults" in report
+    assert "Faults injected and found" in report
     (tmp_path / "make_drive.py").write_text(make_drive)
     assert "1,800 records" in shell.run(judge)
     (tmp_path / "draw.py").write_text(in_python)
