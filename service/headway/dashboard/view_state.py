@@ -25,6 +25,8 @@ INSTANCE_LIMIT: Final = 64
 INSTANCE_TTL_US: Final = 600_000_000
 COPY_LIMIT: Final = 50
 SILENT_US: Final = 10_000_000
+_REPORT_DUE_US: Final = 4_000_000
+_INTERVALS_DUE: Final = 2.5
 
 PAIR_COLUMNS: Final = (
     "site", "follower", "leader", "standing", "t_us",
@@ -183,6 +185,12 @@ class ViewState:
         interval_us = revision - before.get("received_us", revision)
         timing = {"received_us": revision, "interval_us": interval_us}
         self.instances.put(key, row | timing | {"rates_hz": _rates(before, row)}, revision)
+
+
+def silence_us(instance: Row, now_us: int) -> int:
+    """Return for how long an instance has been silent beyond its own interval; 0 while it reports."""
+    silent_us: int = now_us - instance["received_us"]
+    return silent_us if silent_us > max(_REPORT_DUE_US, _INTERVALS_DUE * instance["interval_us"]) else 0
 
 
 def pair_row(state: PairState) -> tuple[Any, ...]:

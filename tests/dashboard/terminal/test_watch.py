@@ -198,3 +198,17 @@ def test_watching_needs_no_bus_and_ends_when_told(capsys: pytest.CaptureFixture[
     ended.set()
     watch(connect=["tcp/127.0.0.1:1"], stop=ended)
     assert capsys.readouterr().out == ""
+
+
+def test_a_service_that_reports_no_more_is_silent_and_its_open_events_are_not_known() -> None:
+    feed = FakeFeed([])
+    watching = watcher(feed)
+    now_us = time.time_ns() // 1000
+    feed.deliver(event(1, t_us=now_us), health(3.0, now_us))
+    watching.refresh()
+    for elapsed_us, instance, vehicle in ((3_000_000, "ready", "open"), (7_000_000, "silent for 7 s", "not known")):
+        watching.revision += elapsed_us
+        lines = shown(watching, 40).splitlines()
+        assert instance in next(line for line in lines if "rsu-1" in line)
+        assert vehicle in next(line for line in lines if line.startswith("veh-0001"))
+        watching.revision -= elapsed_us

@@ -10,7 +10,7 @@ from rich.text import Text
 from headway.client import Connection
 from headway.dashboard.terminal.fitted_table import FittedTable
 from headway.dashboard.vehicles import ORDERS, VehicleEvents, vehicles_of
-from headway.dashboard.view_state import PAIR_COLUMNS, Row, ViewState
+from headway.dashboard.view_state import PAIR_COLUMNS, Row, ViewState, silence_us
 from headway_schemas import Event
 
 ALERTS_SHOWN: Final = 12
@@ -20,7 +20,7 @@ _WHOLE_FROM: Final = 10_000
 """Larger numbers are shown without decimals."""
 _STYLES: Final = {"anomalous": "bold red", "silent": "magenta", "warming": "bright_black", "normal": "cyan"}
 _URGENCY: Final = tuple(_STYLES)
-_STATE_STYLES: Final = {"open": "bold red", "silent": "magenta", "over": ""}
+_STATE_STYLES: Final = {"open": "bold red", "silent": "magenta", "over": "", "not known": ""}
 _KEYS: Final = "s sorts, v vehicles or alerts, j k scroll, q quits"
 
 
@@ -60,7 +60,7 @@ def screen(
 ) -> RenderableType:
     """Return the live view for a terminal of `height` lines; `where` names the endpoints of the bus."""
     choice = choice or Choice()
-    instances = _instances(view_state)
+    instances = _instances(view_state, now_us)
     alerts = _vehicles(view_state, now_us, choice) if choice.by_vehicle else _alerts(view_state, now_us, choice)
     room = height - len(view_state.instances) - len(alerts.rows) - 10
     return Group(_line(connection, where), instances, alerts, _pairs(view_state, max(room, 3)))
@@ -78,7 +78,7 @@ def _line(connection: Connection, where: str) -> Text:
     return Text.assemble(("headway ", "bold"), contact, (trouble, "yellow"), (f"  {_KEYS}", "bright_black"))
 
 
-def _instances(view_state: ViewState) -> FittedTable:
+def _instances(view_state: ViewState, now_us: int) -> FittedTable:
     table = FittedTable(
         ("site", "instance", "", "vehicles", "scored/s", "p50 ms", "p99 ms", "queue", "rejected", "lost"),
         droppable=("p50 ms", "queue", "site", "scored/s", "lost", "vehicles"),
@@ -86,6 +86,8 @@ def _instances(view_state: ViewState) -> FittedTable:
     )
     for h in view_state.instances:
         ready = Text("ready", "green") if h["ready"] else Text("not ready", "red")
+        if silent_us := silence_us(h, now_us):
+            ready = Text(f"silent for {silent_us // 1_000_000} s", "white on red")
         rates, latency = h["rates_hz"], h["latency_ms"]
         table.add_row(
             h["site"], h["instance"], ready, str(h["vehicles"]), number(rates.get("scored")),
@@ -103,12 +105,15 @@ def _vehicles(view_state: ViewState, now_us: int, choice: Choice) -> FittedTable
     )
     found = vehicles_of(view_state, now_us, choice.order)
     first = min(choice.skipped, max(0, len(found) - 1))
+    silent_sites = {h["site"] for h in view_state.instances}
+    silent_sites -= {h["site"] for h in view_state.instances if not silence_us(h, now_us)}
     for vehicle in found[first : first + ALERTS_SHOWN]:
         x_m, v_mps = vehicle.deviation
+        state = "not known" if vehicle.state != "over" and vehicle.site in silent_sites else vehicle.state
         table.add_row(
-            vehicle.vehicle, vehicle.site, vehicle.state, _kinds(vehicle), str(vehicle.count), clock(vehicle.first_us),
+            vehicle.vehicle, vehicle.site, state, _kinds(vehicle), str(vehicle.count), clock(vehicle.first_us),
             clock(vehicle.last_us), number(x_m or None), number(v_mps or None), _handled(vehicle),
-            style=_STATE_STYLES[vehicle.state],
+            style=_STATE_STYLES[state],
         )  # fmt: skip
     rest = len(found) - first - ALERTS_SHOWN
     table.caption = f"sorted by {choice.order}" + (f", and {rest} more" if rest > 0 else "")
