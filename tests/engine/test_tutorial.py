@@ -47,8 +47,8 @@ class Shell:
 
     def start(self, line: str) -> subprocess.Popen[bytes]:
         """Run a line in a shell of its own."""
-        log = (self._folder / f"{line.split()[1]}.log").open("wb")
-        return subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=self._folder, env=self._environment, stderr=log)
+        with (self._folder / f"{line.split()[1]}.log").open("wb") as log:
+            return subprocess.Popen(["bash", "-c", f"exec {line}"], cwd=self._folder, env=self._environment, stderr=log)
 
 
 def answers(address: str) -> bool:
