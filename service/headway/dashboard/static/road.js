@@ -1,6 +1,7 @@
 // The road: every vehicle where it says it is, coloured by how its newest reading was judged.
 
 import { $, number, setText } from "./dom.js";
+import { DrivenRoad } from "./driven.js";
 import { STANDINGS } from "./store.js";
 import { Paths } from "./paths.js";
 import { FOOT_M, inFeet, withUnit } from "./units.js";
@@ -27,6 +28,7 @@ export class Road {
   #pointer = null;
   #filter = {};
   #paths = new Paths();
+  #driven = new DrivenRoad();
   #ground = null;
   #site = null;
   #centred = null;
@@ -149,7 +151,7 @@ export class Road {
       groups[pair.standing].push(pair);
     }
     this.#rows();
-    if (!this.#ground) this.#driven();
+    if (!this.#ground) this.#driven.draw(pen, view, this.#paths, this.#canvas.dataset.site, colours["map-driven"], this.#drawnMs);
     this.#links(pairs.filter((pair) => pair.standing !== "anomalous"), colours.line, 1.5);
     this.#links(groups.anomalous, colours.anomalous, 2);
     const size = Math.min(Math.max(view.scale * 3, 3.5), 9);
@@ -178,22 +180,6 @@ export class Road {
       pen.moveTo(0, (row * height) / rows);
       pen.lineTo(width, (row * height) / rows);
     }
-    pen.stroke();
-  }
-
-  /** The road as vehicles drove it. */
-  #driven() {
-    const pen = this.#pen, view = this.#view;
-    pen.beginPath();
-    for (const [, e0, n0, e1, n1] of this.#paths.of(this.#canvas.dataset.site)) {
-      const [x0, y0, row0] = view.at(e0, n0), [x1, y1, row1] = view.at(e1, n1);
-      if (row0 !== row1) continue;
-      pen.moveTo(x0, y0);
-      pen.lineTo(x1, y1);
-    }
-    pen.strokeStyle = this.#colours["map-driven"];
-    pen.lineWidth = Math.min(Math.max(view.scale * 3.5, 2), 24);
-    pen.lineCap = "round";
     pen.stroke();
   }
 
