@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any, Final
 
+from headway.gateways.recordings.csv_rows import CsvRows
 from headway.gateways.recordings.parquet import opened_table
 from headway.gateways.recordings.reader import CHUNK, Record, Row, Source
 from headway_schemas.bsm import FIELDS, LEADER_FIELDS, NEEDED, WIRE_VERSION, Bsm
@@ -103,7 +104,7 @@ def records_of(columns: Columns) -> list[Record]:
 def read_csv(source: Source) -> Iterator[list[Row]]:
     """Read a CSV file with a header, in UTF-8."""
     text = io.TextIOWrapper(source.stream, "utf-8-sig", newline="")
-    lines = csv.reader(text, strict=True)
+    lines = CsvRows(text, strict=True)
     try:
         header = [name.strip().lower() for name in next(lines, [])]
         _require(source, header)

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from itertools import chain
-from typing import Final, NamedTuple
+from typing import BinaryIO, Final, NamedTuple, cast
 from xml.etree import ElementTree as ET
 
 from headway.feeds.refusal import MALFORMED, OTHER_MESSAGE, UNAVAILABLE, Refusal
@@ -17,6 +17,10 @@ from headway_schemas.bsm import WIRE_VERSION
 _STEPS_TO_DECIDE: Final = 200
 _METRES_FROM: Final = 1e-2
 """Share of the driven distance by which coordinates change at least where they are metres: a degree is 1e5 of them."""
+_READ_BYTES: Final = 65_536
+_SILENT_BYTES_MAX: Final = 1_000_000
+"""Without the beginning or end of an element: expat reads an unfinished one again at each piece."""
+_DEPTH_MAX: Final = 100
 _ACCEL_MAX_MPS2: Final = 20.0
 
 
@@ -95,20 +99,37 @@ def _row(one: _Seen, drive: str, counts: MessageCounts, *, is_geo: bool) -> Row:
 
 def _seen(source: Source) -> Iterator[_Seen | Row]:
     """Parse step by step; what has been read is released. The number is that of the vehicle element."""
-    number_, t_s, root = 0, math.nan, None
+    number_, t_s, within = 0, math.nan, list[ET.Element]()
     try:
-        for event, element in ET.iterparse(source.stream, ("start", "end")):  # noqa: S314 - expat bounds entities
-            if root is None:
-                root = element
-            if event == "start" and element.tag == "timestep":
-                t_s = _time_s(element.get("time", ""))
-            elif event == "end" and element.tag in ("vehicle", "person", "container"):
+        for event, element in _events(source.stream):
+            if event == "start":
+                within.append(element)
+                t_s = _time_s(element.get("time", "")) if element.tag == "timestep" else t_s
+                continue
+            del within[-1]
+            if within:
+                del within[-1][:]
+            if element.tag in ("vehicle", "person", "container"):
                 number_ += 1
                 yield _vehicle(number_, t_s, element)
-            elif event == "end" and element.tag == "timestep":
-                root.clear()
     except ET.ParseError:
         yield Row(number_ + 1, {}, refusal=Refusal(MALFORMED, "the XML is cut or damaged: it ends here"))
+
+
+def _events(stream: BinaryIO) -> Iterator[tuple[str, ET.Element]]:
+    """Yield where elements begin and end; raises `ParseError`, also where none does for too long."""
+    parser: ET.XMLPullParser[ET.Element] = ET.XMLPullParser(("start", "end"))
+    silent = depth = 0
+    is_open = True
+    while is_open:
+        is_open = bool(chunk := stream.read(_READ_BYTES))
+        parser.feed(chunk) if is_open else parser.close()
+        silent += len(chunk)
+        for event, element in cast("Iterator[tuple[str, ET.Element]]", parser.read_events()):
+            silent, depth = 0, depth + (1 if event == "start" else -1)
+            yield event, element
+        if silent > _SILENT_BYTES_MAX or depth > _DEPTH_MAX:
+            raise ET.ParseError
 
 
 def _vehicle(number_: int, t_s: float, element: ET.Element) -> _Seen | Row:

@@ -142,6 +142,8 @@ def named_errors(name: str) -> Iterator[None]:
         raise RecordingError(f"{name}: {error.strerror or error}") from None
     except UnicodeDecodeError:
         raise RecordingError(f"{name}: not UTF-8 text") from None
+    except MemoryError:
+        raise RecordingError(f"{name}: takes too much memory") from None
     except ParquetError as error:
         raise RecordingError(f"{name}: {error}") from None
     except _decompression_errors() as error:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from headway.gateways.recordings.csv_rows import CsvRows
 from headway.gateways.recordings.parquet import opened_table
 from headway.gateways.recordings.reader import PARQUET, Source
 
@@ -19,7 +20,6 @@ _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 """A number as spreadsheets of continental Europe write it, beside semicolons."""
 _NOT_IN_ID: Final = re.compile(r"[^A-Za-z0-9_.-]")
 _ID_MAX: Final = 64
-_CELL_MAX: Final = 1_000_000
 CUT_ROW: Final = "another number of cells than the header has"
 
 
@@ -56,11 +56,10 @@ def table_rows(source: Source) -> Iterator[TableRow]:
     if source.path is not None and source.stream.peek(4)[:4] == PARQUET:
         yield from _parquet_rows(source.path, source)
         return
-    csv.field_size_limit(_CELL_MAX)
     text = io.TextIOWrapper(source.stream, "utf-8-sig", errors="replace", newline="")
     try:
         delimiter = delimiter_of(_first_line(source.head))
-        lines = csv.reader(text, delimiter=delimiter, skipinitialspace=True)
+        lines = CsvRows(text, delimiter=delimiter, skipinitialspace=True)
         while True:
             try:
                 cells = next(lines)
