@@ -45,6 +45,8 @@ PRUNE_DOUBLES_ABOVE = 0.9997
 
 SPEED_MAX_MPS, APART_MAX_M = 200.0, 1_000.0
 """Speed of a mode, and its distance from the most probable one, from which it has diverged: J2735 ends at 163.8 m/s."""
+EXCLUDED_MPS, EXCLUDED_APART_M = (-5.0, 75.0), 20.0
+"""The same for a mode with two faults that the readings exclude: speeds of a car, and its distance from where it is."""
 
 MODES = np.dtype(
     [
@@ -202,6 +204,7 @@ def restart_diverged(row: Any, p: ModeParams) -> None:
 
     A mode that the readings exclude keeps the floor of the probabilities. Nothing holds its state: where both sensors
     scatter by metres for long, mixing with others of its sort widens it at each reading, until its mean is no number.
+    Once a reading excludes the others, such a mode would be the estimate.
     """
     likeliest, single, double = int(np.argmax(row.mode_probability)), row.single, row.double
     x_m = single[PX, likeliest] if likeliest < SINGLE_FAULT_MODES else double[PX, likeliest - SINGLE_FAULT_MODES]
@@ -212,7 +215,11 @@ def restart_diverged(row: Any, p: ModeParams) -> None:
             single[SS, j] = p.drift_slope0**2 if j in DRIFT else 0.0
     if row.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE:
         for k in range(DOUBLE_COLUMNS):
-            if not (abs(double[VX, k]) < SPEED_MAX_MPS and abs(double[PX, k] - x_m) < APART_MAX_M):
+            v_mps, apart_m = double[VX, k], abs(double[PX, k] - x_m)
+            is_possible = abs(v_mps) < SPEED_MAX_MPS and apart_m < APART_MAX_M
+            if row.mode_probability[SINGLE_FAULT_MODES + k] <= MODE_PROBABILITY_FLOOR:
+                is_possible = EXCLUDED_MPS[0] < v_mps < EXCLUDED_MPS[1] and apart_m < EXCLUDED_APART_M
+            if not is_possible:
                 restart_from(row, likeliest, double, k)
                 if k in DOUBLE_OFFSET_COLUMNS:
                     double[BB, k], double[SS, k] = 2.0 * p.fault_size**2, p.drift_slope0**2
