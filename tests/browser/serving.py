@@ -104,7 +104,8 @@ def receiver() -> Iterator[tuple[str, list[dict[str, Any]]]]:
 
 
 def live(page: Browser) -> None:
-    page.until("document.getElementById('line').dataset.state === 'up'", within_s=20)
+    """Wait until the services report; on a busy machine that may take a while."""
+    page.until("document.getElementById('line').dataset.state === 'up'", within_s=60)
 
 
 def text(name: str) -> str:
