@@ -155,8 +155,13 @@ def test_what_compose_refers_to_exists() -> None:
             source = volume.split(":")[0]
             exists = (DOCKER / source).exists() if "/" in source else source in COMPOSE["volumes"]
             assert exists, volume
+        assert all((DOCKER / file).is_file() for file in service.get("env_file", ()))
         if "build" in service:
             assert (DOCKER / service["build"]["context"] / service["build"]["dockerfile"]).is_file()
+
+
+def test_the_router_goes_on_while_connections_to_machines_that_are_gone_close() -> None:
+    assert SERVICES["router"]["env_file"] == ["../deploy/zenoh/router.env"]
 
 
 def test_compose_opens_ports_to_this_machine_only() -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 import zenoh
 from edge.codec.messages import KEYS
+from edge.transport.connections import connections
 from sim.clock import FakeClock
 from sim.loopback import free_endpoint, session
 from sim.until import until
@@ -102,6 +103,11 @@ def test_wildcards_and_deletes_are_passed_on_for_the_codec_to_name(bus: ZenohBus
     wild, deleted = drained(bus, 2)
     assert (wild.key[-1], wild.is_put) == ("*", True)
     assert (deleted.key, deleted.is_put) == (KEYS.bsm("a"), False)
+
+
+def test_no_connection_lingers_when_it_is_closed(settings: BusConfig, bus: ZenohBus, other: zenoh.Session) -> None:
+    assert not other.is_closed()
+    until(lambda: connections(int(settings.listen[0].rpartition(":")[2])) == [False, False])
 
 
 def test_none_of_many_messages_is_lost_and_each_is_counted(bus: ZenohBus, other: zenoh.Session) -> None:

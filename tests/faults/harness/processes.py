@@ -1,23 +1,33 @@
 """Senders, subscribers and routers as processes that can be stopped, continued and killed."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Self
 
 HERE = Path(__file__).parent
+ENVIRONMENT_FILE = HERE.parents[2] / "deploy" / "zenoh" / "router.env"
 
 
 class Process:
     """A script of this folder; what it prints is collected as it comes."""
 
-    def __init__(self, script: str, arguments: Sequence[str]) -> None:
+    def __init__(
+        self,
+        script: str,
+        arguments: Sequence[str],
+        *,
+        inside: Sequence[str] = (),
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
         self.popen = subprocess.Popen(
-            [sys.executable, str(HERE / script), *arguments],
+            [*inside, sys.executable, str(HERE / script), *arguments],
+            env=os.environ | (environment or {}),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,
@@ -84,13 +94,22 @@ class Fleet(Process):
 class Subscriber(Process):
     """A subscriber of alerts (`subscriber_process`).
 
-    With `stall_after` it takes no more after so many. With `catch_up` it asks the history for what it missed.
+    With `stall_after` it takes no more after so many. With `catch_up` it asks the history for what it missed. It runs
+    `inside` a network.
     """
 
-    def __init__(self, endpoint: str, site: str, *, stall_after: int | None = None, catch_up: bool = False) -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        site: str,
+        *,
+        stall_after: int | None = None,
+        catch_up: bool = False,
+        inside: Sequence[str] = (),
+    ) -> None:
         more = [] if stall_after is None else ["--stall-after", str(stall_after)]
         more += ["--catch-up"] if catch_up else []
-        super().__init__("subscriber_process.py", ["--endpoint", endpoint, "--site", site, *more])
+        super().__init__("subscriber_process.py", ["--endpoint", endpoint, "--site", site, *more], inside=inside)
 
     @property
     def ready(self) -> bool:
@@ -117,11 +136,13 @@ class Flood(Process):
 
 
 class Router(Process):
-    """A router with a configuration file (`router_process`)."""
+    """A router with a configuration file (`router_process`), in the environment that the files deploy."""
 
     def __init__(self, endpoint: str, file: Path) -> None:
         self.endpoint = endpoint
-        super().__init__("router_process.py", [endpoint, str(file)])
+        lines = ENVIRONMENT_FILE.read_text(encoding="utf-8").splitlines()
+        environment = dict(line.split("=", 1) for line in lines if not line.startswith("#"))
+        super().__init__("router_process.py", [endpoint, str(file)], environment=environment)
 
     @property
     def ready(self) -> bool:

@@ -15,6 +15,7 @@ from typing import Self
 
 import zenoh
 from e2e.serving import without_headway
+from faults.harness.network import Network
 from sim.loopback import session
 
 from headway_schemas import Event, Health
@@ -164,29 +165,17 @@ class RayNodes:
 
 
 class SeparateNode:
-    """A node of the cluster in a network of its own, with one link to this machine. It needs root."""
-
-    NETWORK, OWN, OTHER = "headway-cut", "10.99.7.1", "10.99.7.2"
-    LINK = "headway-cut0"
+    """A node of the cluster in a network of its own."""
 
     def __init__(self, name: str, address: str, cpus: int) -> None:
-        inside = f"ip netns exec {self.NETWORK} "
-        for command in (
-            f"ip netns add {self.NETWORK}",
-            f"ip link add {self.LINK} type veth peer name eth0 netns {self.NETWORK}",
-            f"ip addr add {self.OWN}/30 dev {self.LINK}",
-            f"ip link set {self.LINK} up",
-            f"{inside}ip addr add {self.OTHER}/30 dev eth0",
-            f"{inside}ip link set eth0 up",
-            f"{inside}ip link set lo up",
-            f"{inside}ip route add default via {self.OWN}",
-        ):
-            subprocess.run(command.split(), check=True)
+        self.network = Network(7)
         start = (
-            f"{inside}{sys.executable} -m ray.scripts.scripts start --address {address} --node-name {name} --num-cpus"
-            f" {cpus} --node-ip-address {self.OTHER} --object-store-memory {80 << 20} --block"
+            f"{sys.executable} -m ray.scripts.scripts start --address {address} --node-name {name} --num-cpus {cpus}"
+            f" --node-ip-address {self.network.other} --object-store-memory {80 << 20} --block"
         )
-        self._popen = subprocess.Popen(start.split(), env=without_headway() | ENVIRONMENT, stdout=subprocess.DEVNULL)
+        self._popen = subprocess.Popen(
+            [*self.network.inside, *start.split()], env=without_headway() | ENVIRONMENT, stdout=subprocess.DEVNULL
+        )
 
     @property
     def raylet(self) -> int | None:
@@ -196,19 +185,11 @@ class SeparateNode:
                 return pid
         return None
 
-    def cut(self) -> None:
-        """Take the link away."""
-        subprocess.run(f"ip link set {self.LINK} down".split(), check=True)
-
-    def join(self) -> None:
-        """Bring the link back."""
-        subprocess.run(f"ip link set {self.LINK} up".split(), check=True)
-
     def close(self) -> None:
         """End all of it."""
         send(tree(self._popen.pid), signal.SIGKILL)
         self._popen.wait()
-        subprocess.run(f"ip netns del {self.NETWORK}".split(), check=True)
+        self.network.close()
 
 
 @dataclass(frozen=True)

@@ -4,13 +4,12 @@ The tests run in this order on one fleet; the last one holds the accounts of all
 """
 
 import json
-import os
-import shutil
 import signal
 import time
 from collections.abc import Callable, Iterator
 
 import pytest
+from faults.harness import network
 from fleet.cluster.harness import SeparateNode, alive, send, tree
 from fleet.cluster.world import SITES, World
 from sim.until import until
@@ -96,8 +95,8 @@ def test_a_node_that_hangs_publishes_nothing_when_it_continues(world: World, mea
 @pytest.fixture
 def separate_node(world: World) -> Iterator[SeparateNode]:
     """A node in a network of its own, with some sites."""
-    if os.geteuid() != 0 or shutil.which("ip") is None:
-        pytest.skip("needs root and ip (Debian: apt-get install iproute2) for a network namespace")
+    if not network.IS_POSSIBLE:
+        pytest.skip(network.REASON)
     node = SeparateNode("separate", world.nodes.address, cpus=8)
     try:
         until(lambda: node.raylet is not None, 60.0)
@@ -112,8 +111,8 @@ def separate_node(world: World) -> Iterator[SeparateNode]:
 
 
 def test_a_node_that_is_cut_off(world: World, measured, separate_node: SeparateNode) -> None:
-    left = fail_node(world, measured, "cut of a node", lambda _: separate_node.cut(), "separate")
-    separate_node.join()
+    left = fail_node(world, measured, "cut of a node", lambda _: separate_node.network.cut(), "separate")
+    separate_node.network.join()
     until(lambda: not alive(left), 30.0)
 
 

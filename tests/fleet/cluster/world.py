@@ -73,8 +73,8 @@ class World:
     def wait_until_prepared(self) -> None:
         """Wait until each node has its spares, and is known to be up if it is."""
         until_s = time.monotonic() + WAIT_S
-        while not self._are_nodes_prepared(self.nodes.status()["nodes"]):
-            assert time.monotonic() < until_s, "not in time"
+        while not self._are_nodes_prepared(rows := self.nodes.status()["nodes"]):
+            assert time.monotonic() < until_s, rows
             time.sleep(2.0)  # each look is a process that imports Ray
 
     def _are_nodes_prepared(self, rows: list[dict]) -> bool:

@@ -26,6 +26,7 @@ from headway.core.types.outcome import Outcome
 from headway.edge.clock import Clock
 from headway.edge.fence import Fence
 from headway.edge.transport.first_sample import FirstSample
+from headway.edge.transport.lingering import end_lingering
 from headway.edge.transport.message import ReceivedMessage
 from headway.edge.transport.other_services import OtherServices
 from headway.edge.transport.ports import Channel, Query
@@ -37,9 +38,8 @@ from headway.errors import zenoh_reason
 from headway_schemas.keys import Keys
 
 os.environ.setdefault("ZENOH_RUNTIME", "(rx: (handover: acc))")
-"""zenoh reads this from the environment only. The thread that accepted a connection is notified of data; by default it
-wakes one of two other threads to read. With this setting it reads by itself. At 80,000 messages a second this saves
-about 1 us each and lowers the 99th percentile by a third."""
+"""zenoh reads this from the environment only. The thread that accepted a connection then reads it, and wakes no other.
+At 80,000 messages a second this saves about 1 us each and lowers the 99th percentile by a third."""
 
 _INCOMING_LIMIT: Final = 4_096
 """Messages that zenoh buffers for the loop; a sender of more within one iteration waits for its end."""
@@ -371,6 +371,7 @@ class ZenohBus:
     def _on_link(self, event: zenoh.LinkEvent) -> None:
         if event.kind == zenoh.SampleKind.PUT:
             self._addresses[str(event.link.zid)] = str(event.link.dst)
+            end_lingering()
 
     def _on_transport(self, event: zenoh.TransportEvent) -> None:
         peer = str(event.transport.zid)

@@ -1,0 +1,23 @@
+"""The TCP connections of this process, and whether they linger when they are closed."""
+
+import socket
+from contextlib import suppress
+from pathlib import Path
+
+
+def lingers(of: socket.socket) -> bool:
+    return of.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER) != 0
+
+
+def connections(port: int) -> list[bool]:
+    """Return for each connection through a port, at either end, whether it lingers."""
+    found = []
+    for descriptor in Path("/dev/fd").iterdir():
+        with suppress(OSError):  # no socket, or not connected
+            of = socket.socket(fileno=int(descriptor.name))
+            try:
+                if port in of.getsockname()[1:2] + of.getpeername()[1:2]:
+                    found.append(lingers(of))
+            finally:
+                of.detach()
+    return found
