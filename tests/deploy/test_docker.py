@@ -162,6 +162,7 @@ def test_what_compose_refers_to_exists() -> None:
 
 def test_the_router_goes_on_while_connections_to_machines_that_are_gone_close() -> None:
     assert SERVICES["router"]["env_file"] == ["../deploy/zenoh/router.env"]
+    assert SERVICES["router"]["sysctls"] == {"net.ipv4.tcp_retries2": 3}
 
 
 def test_compose_opens_ports_to_this_machine_only() -> None:

@@ -90,6 +90,7 @@ def test_a_node_that_hangs_publishes_nothing_when_it_continues(world: World, mea
     finally:
         send(hung, signal.SIGCONT)
     until(lambda: not alive(left), 30.0)
+    send(hung, signal.SIGKILL)  # a node that hangs for seconds only is up again, and this one is replaced
 
 
 @pytest.fixture
