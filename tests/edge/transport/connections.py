@@ -16,7 +16,8 @@ def connections(port: int) -> list[bool]:
         with suppress(OSError):  # no socket, or not connected
             of = socket.socket(fileno=int(descriptor.name))
             try:
-                if port in of.getsockname()[1:2] + of.getpeername()[1:2]:
+                is_tcp = of.family in (socket.AF_INET, socket.AF_INET6)
+                if is_tcp and port in (of.getsockname()[1], of.getpeername()[1]):
                     found.append(lingers(of))
             finally:
                 of.detach()
