@@ -2,7 +2,8 @@
 
 import socket
 from contextlib import suppress
-from pathlib import Path
+
+from headway.edge.transport.lingering import sockets
 
 
 def lingers(of: socket.socket) -> bool:
@@ -12,13 +13,9 @@ def lingers(of: socket.socket) -> bool:
 def connections(port: int) -> list[bool]:
     """Return for each connection through a port, at either end, whether it lingers."""
     found = []
-    for descriptor in Path("/dev/fd").iterdir():
-        with suppress(OSError):  # no socket, or not connected
-            of = socket.socket(fileno=int(descriptor.name))
-            try:
-                is_tcp = of.family in (socket.AF_INET, socket.AF_INET6)
-                if is_tcp and port in (of.getsockname()[1], of.getpeername()[1]):
-                    found.append(lingers(of))
-            finally:
-                of.detach()
+    for of in sockets():
+        with suppress(OSError):  # not connected
+            is_tcp = of.family in (socket.AF_INET, socket.AF_INET6)
+            if is_tcp and port in (of.getsockname()[1], of.getpeername()[1]):
+                found.append(lingers(of))
     return found

@@ -8,22 +8,19 @@ import json
 import socket
 import sys
 from contextlib import suppress
-from pathlib import Path
 
 import zenoh
+
+from headway.edge.transport.lingering import sockets
 
 GIVE_UP_MS = 3_000
 
 
 def give_up_soon(_event: object) -> None:
     """Set TCP_USER_TIMEOUT of each connection."""
-    for descriptor in Path("/dev/fd").iterdir():
-        with suppress(OSError):  # no socket, or closed meanwhile
-            of = socket.socket(fileno=int(descriptor.name))
-            try:
-                of.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GIVE_UP_MS)
-            finally:
-                of.detach()
+    for of in sockets():
+        with suppress(OSError):  # no connection
+            of.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GIVE_UP_MS)
 
 
 def main() -> None:

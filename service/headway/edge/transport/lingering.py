@@ -4,9 +4,9 @@ zenoh lets its sockets linger for 10 s (SO_LINGER). To close a connection whose 
 blocks the thread that reads all others, for so long. Without it the kernel delivers what is left in the background.
 """
 
-import os
 import socket
 import struct
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Final
@@ -16,18 +16,20 @@ _OFF: Final = struct.pack("ii", 0, 0)
 
 def end_lingering() -> None:
     """Let no socket of this process linger when it is closed."""
+    for of in sockets():
+        with suppress(OSError):  # closed meanwhile
+            if of.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER):
+                of.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _OFF)
+
+
+def sockets() -> Iterator[socket.socket]:
+    """Yield each socket that this process has open, whoever opened it; it stays open."""
     for descriptor in Path("/dev/fd").iterdir():
-        with suppress(OSError):  # no socket, or closed meanwhile
-            _end_lingering(os.dup(int(descriptor.name)))
-
-
-def _end_lingering(copy: int) -> None:
-    """Change the socket of a descriptor, which is closed: the socket has another one."""
-    try:
-        of = socket.socket(fileno=copy)
-    except OSError:
-        os.close(copy)
-        raise
-    with of:
-        if of.getsockopt(socket.SOL_SOCKET, socket.SO_LINGER):
-            of.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _OFF)
+        try:
+            of = socket.socket(fileno=int(descriptor.name))
+        except OSError:  # no socket, or closed meanwhile
+            continue
+        try:
+            yield of
+        finally:
+            of.detach()
