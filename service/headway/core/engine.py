@@ -80,9 +80,8 @@ class Engine:
         """
         tally, outcomes = StepTally(), np.empty(len(batch), np.uint8)
         if len(batch):
-            numbers = columns(batch)
-            received_us, starts = self._time.receive(numbers.received_us)
-            whole = Slot(batch.ids, batch.leader_ids, numbers._replace(received_us=received_us), outcomes, out, owned)
+            received_us, starts = self._time.receive(batch.received_us)
+            whole = Slot(batch.ids, batch.leader_ids, columns(batch, received_us), outcomes, out, owned)
             for start, stop in pairwise([*starts, len(batch)]):
                 self._time.pass_until(int(received_us[start]), tally)
                 self._rounds.process(whole.part(start, stop) if len(starts) > 1 else whole, clock_offset_us, tally)
@@ -109,6 +108,10 @@ class Engine:
     def qualities(self, stride: int = 1, phase: int = 0) -> QualityStates | None:
         """Return what is known of the sensors of the same vehicles; None where the model learns nothing of them."""
         return quality_states(self._site, stride, phase)
+
+    def is_empty(self, stride: int, phase: int) -> bool:
+        """Whether part `phase` of `stride` parts has no vehicle that this engine publishes."""
+        return self._site.owned_rows(stride, phase).size == 0
 
     def snapshot(self, stride: int = 1, phase: int = 0) -> Snapshot:
         """Return copies of the state of the vehicles of part `phase` of `stride` parts.

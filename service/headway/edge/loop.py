@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 import structlog
 
-from headway.core.types.batch import F64, Batch
+from headway.core.types.batch import Batch
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import StepResult
 from headway.edge.codec.decoded import Decoded
@@ -18,6 +18,7 @@ from headway.edge.context import ServiceContext
 from headway.edge.event_updates import EventUpdates
 from headway.edge.handover import Handover
 from headway.edge.storage.journal import EventUpdate, Resumed
+from headway.edge.telemetry.latency import Iteration
 from headway.edge.telemetry.reporter import Reporter
 from headway.edge.transport.message import ReceivedMessage, Rejection, RejectReason
 from headway.edge.transport.ports import Channel
@@ -31,9 +32,9 @@ _TICK_NS: Final = 20_000_000
 has none."""
 _IDLE_UNLESS_WAITING: Final = 64
 """With more messages than this waiting, the loop does not pause."""
-_FEW: Final = 8
+_FEW: Final = 4
 """After this many messages or fewer the pause is longer, because an iteration costs most before its first message."""
-_FEW_PAUSE_FACTOR: Final = 3
+_FEW_PAUSE_FACTOR: Final = 3.4
 _WAIT_NS: Final = 250_000_000
 """Longest wait for a message."""
 _COPIES_NS: Final = 1_000_000_000
@@ -177,8 +178,17 @@ class ServiceLoop:
         self._publish_rejections(decoded, messages, result, drained_ns)
         self._ledger.record(len(messages), decoded.rejections, result, self._bus.shed_records)
         publish_us = (self._clock.monotonic_ns() - detected_ns) / 1e3
-        ages_us: F64 = (drained_us + clock_offset_us + decode_us + detect_us) - decoded.batch.t_us.astype(np.float64)
-        self._latencies.record(_waits_us(decoded, messages, drained_ns), ages_us, decode_us, detect_us, publish_us)
+        self._latencies.record(
+            Iteration(
+                decoded.batch.received_us,
+                decoded.batch.t_us,
+                drained_us,
+                clock_offset_us,
+                decode_us,
+                detect_us,
+                publish_us,
+            )
+        )
 
     def _step_with_neighbours(
         self, handover: Handover, batch: Batch, until_us: int, clock_offset_us: int
@@ -292,9 +302,3 @@ class ServiceLoop:
         if now_ns - self._collected_ns >= (_COLLECT_IDLE_NS if idle else _COLLECT_NS):
             self._collected_ns = now_ns
             gc.collect()
-
-
-def _waits_us(decoded: Decoded, messages: list[ReceivedMessage], drained_ns: int) -> F64:
-    """Return (B,) the time that each record of the batch waited in the queue."""
-    received_ns = np.array([message.received_ns for message in messages], dtype=np.int64)
-    return (drained_ns - received_ns)[decoded.sources] / 1e3

@@ -1,6 +1,6 @@
 """Original messages of the last seconds, for the evidence of events.
 
-The loop adds references to what it has received: nothing is copied, and a batch costs a few microseconds. Only an event
+The loop adds references to what it has received: no payload is copied. Only an event
 searches for the messages of its suspect and takes them out of their bundles.
 """
 
@@ -27,6 +27,10 @@ AGE_NS: Final = 10_000_000_000
 _SPAN_NS: Final = 250_000_000
 _OBJECT_BYTES: Final = 140
 """Memory of a payload and its places in lists, besides its octets."""
+_RECORD_BYTES: Final = 24
+"""Of `_Records`."""
+_TOGETHER: Final = 256
+"""Records that are stored at once."""
 _PAYLOAD: Final = itemgetter(ReceivedMessage._fields.index("payload"))
 _SECRETS: Final = np.frombuffer(token_bytes(8 * ID_WORDS), np.uint64) | np.uint64(1)
 _ENCODING: Final = itemgetter(ReceivedMessage._fields.index("encoding"))
@@ -44,6 +48,14 @@ class _Records(NamedTuple):
     """Of the record in that payload."""
 
 
+class _Taken(NamedTuple):
+    """What one iteration of the loop received."""
+
+    messages: Sequence[ReceivedMessage]
+    decoded: Decoded
+    clock_offset_us: int
+
+
 @dataclass(slots=True)
 class _Span:
     """What came within a quarter of a second."""
@@ -56,24 +68,45 @@ class _Span:
     parts: list[_Records] = field(default_factory=list)
     size: int = 0
     """Bytes of memory."""
+    taken: list[_Taken] = field(default_factory=list)
+    """Not in the lists above yet: many small iterations together cost less than each by itself."""
+    taken_records: int = 0
 
-    def add(self, messages: Sequence[ReceivedMessage], decoded: Decoded, clock_offset_us: int) -> int:
+    def add(self, taken: _Taken) -> int:
         """Take references; return how many bytes they hold in memory."""
-        batch, first = decoded.batch, len(self.payloads)
-        payloads = list(map(_PAYLOAD, messages))
-        self.payloads += payloads
-        self.encodings += map(_ENCODING, messages)
-        self.received_us += (received_us_of(messages) + clock_offset_us).tolist()
-        places, indices = (decoded.sources + first).astype(np.uint32), decoded.indices.astype(np.uint32)
-        # A copy, because a column may be a view that keeps all columns of its batch in memory.
-        part = _Records(_hashes(batch.ids), batch.t_us.copy(), places, indices)
-        self.parts.append(part)
-        size = sum(map(len, payloads)) + _OBJECT_BYTES * len(payloads) + sum(column.nbytes for column in part)
+        messages, records = taken.messages, len(taken.decoded.batch)
+        self.taken.append(taken)
+        self.taken_records += records
+        if self.taken_records >= _TOGETHER:
+            self.store()
+        size = sum(map(len, map(_PAYLOAD, messages))) + _OBJECT_BYTES * len(messages) + _RECORD_BYTES * records
         self.size += size
         return size
 
+    def store(self) -> None:
+        """Store what was taken, without the columns that nothing needs any more."""
+        if not self.taken:
+            return
+        places = []
+        for messages, decoded, clock_offset_us in self.taken:
+            places.append(decoded.sources + len(self.payloads))
+            self.payloads += map(_PAYLOAD, messages)
+            self.encodings += map(_ENCODING, messages)
+            self.received_us += (received_us_of(messages) + clock_offset_us).tolist()
+        batches = [taken.decoded.batch for taken in self.taken]
+        part = _Records(
+            _hashes(np.concatenate([batch.ids for batch in batches])),
+            np.concatenate([batch.t_us for batch in batches]),
+            np.concatenate(places).astype(np.uint32),
+            np.concatenate([taken.decoded.indices for taken in self.taken]).astype(np.uint32),
+        )
+        self.parts.append(part)
+        self.taken.clear()
+        self.taken_records = 0
+
     def newest_first(self, sender: np.uint64, until_us: int) -> Iterator[OriginalMessage]:
         """Yield the messages of the sender with this hash up to an event time."""
+        self.store()
         if len(self.parts) > 1:
             self.parts = [_Records(*map(np.concatenate, zip(*self.parts, strict=True)))]
         (records,) = self.parts
@@ -113,8 +146,10 @@ class MessageHistory:
             return
         now_ns = messages[-1].received_ns
         if not self._spans or now_ns - self._spans[-1].since_ns > _SPAN_NS:
+            if self._spans:
+                self._spans[-1].store()
             self._spans.append(_Span(now_ns))
-        self.size += self._spans[-1].add(messages, decoded, clock_offset_us)
+        self.size += self._spans[-1].add(_Taken(messages, decoded, clock_offset_us))
         while self._spans and (self.size > self._bytes_limit or now_ns - self._spans[0].since_ns > AGE_NS):
             self.size -= self._spans.popleft().size
 

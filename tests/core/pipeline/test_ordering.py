@@ -2,20 +2,10 @@
 
 import numpy as np
 
-from headway.core.pipeline.ordering import SLOT_US, receive_times, reject_by_age, rounds
+from headway.core.pipeline.ordering import SLOT_US, receive_times, rounds
 from headway.core.types.outcome import Outcome
 
 S = 1_000_000
-
-
-def test_too_old_and_from_the_future_are_named_and_the_limits_are_inside() -> None:
-    received = np.full(5, 100 * S)
-    t_us = received - np.array([5 * S, 5 * S + 1, 0, -S, -S - 1])
-    outcomes = np.empty(5, np.uint8)
-    reject_by_age(t_us, received, 5e6, 1e6, outcomes)
-    assert [Outcome(o) for o in outcomes] == [
-        Outcome.SCORED, Outcome.TOO_OLD, Outcome.SCORED, Outcome.SCORED, Outcome.FROM_THE_FUTURE,
-    ]  # fmt: skip
 
 
 def rounds_one_by_one(rows: list[int], leaders: list[int], suspects: list[int]) -> list[int]:

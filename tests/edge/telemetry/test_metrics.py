@@ -5,14 +5,17 @@ import pytest
 from edge.codec.messages import received, record
 from edge.stub import StubEngine, event
 from prometheus_client.parser import text_string_to_metric_families
+from sim.clock import START_US
 from sim.rig import Rig
 
 from headway.core.types.batch import F64
 from headway.core.types.outcome import Outcome
 from headway.core.types.step_result import Phase, StepResult
 from headway.edge.telemetry.accounting import KINDS, NIS_BAND, Ledger
-from headway.edge.telemetry.latency import Latencies
+from headway.edge.telemetry.latency import Iteration, Latencies
 from headway.edge.telemetry.metrics import TABLE, Metrics, Type
+
+OFFSET_US = 7_000_000
 
 
 def scrape(rig: Rig) -> dict[tuple[str, ...], float]:
@@ -80,15 +83,16 @@ def test_the_share_inside_the_band_is_95_percent_of_a_consistent_filter() -> Non
     assert pytest.approx((0.0506, 7.3778), abs=1e-4) == NIS_BAND
 
 
-def waits(*values_us: float) -> F64:
-    return np.array(values_us)
+def iteration(waits_us: F64, decode_us: float = 0.0, detect_us: float = 0.0, publish_us: float = 0.0) -> Iteration:
+    """An iteration whose records were sent and received so long before it."""
+    received_us = START_US - waits_us.round().astype(np.int64)
+    return Iteration(received_us, received_us + OFFSET_US, START_US, OFFSET_US, decode_us, detect_us, publish_us)
 
 
 def test_a_histogram_counts_every_record_in_the_bucket_it_belongs_to() -> None:
     rig = Rig(StubEngine())
-    rig.latencies.record(
-        waits(5.0, 50.0, 2e9), waits(5.0, 50.0, 2e9), decode_us=100.0, detect_us=1_000.0, publish_us=10.0
-    )
+    waits_us = np.array([5.0, 50.0, 2e9])
+    rig.latencies.record(iteration(waits_us, decode_us=100.0, detect_us=1_000.0, publish_us=10.0))
     rig.latencies.flush()
     values = scrape(rig)
     name = "headway_stage_latency_seconds"
@@ -98,14 +102,17 @@ def test_a_histogram_counts_every_record_in_the_bucket_it_belongs_to() -> None:
     assert (queue[1e-5], queue[1e-4], queue[100.0], queue[float("inf")]) == (1, 2, 2, 3)
     detect = {float(key[1]): n for key, n in values.items() if (key[0], key[-1]) == (f"{name}_bucket", "detect")}
     assert (detect[1e-4], detect[1e-3]) == (0, 3)
+    assert (
+        values[f"{name}_sum", "intended"] == values[f"{name}_sum", "total"] == pytest.approx(3 * 1.1e-3 + 2_000.000_055)
+    )
 
 
 def test_percentiles_are_right_to_a_twentieth_and_of_the_time_since_the_last_report() -> None:
     rng = np.random.default_rng(2)
     latencies = Latencies()
-    sample_us = rng.lognormal(7.0, 1.0, 50_000)
+    sample_us = rng.lognormal(7.0, 1.0, 50_000).round()
     for part in np.array_split(sample_us, 100):
-        latencies.record(part, part, 0.0, 0.0, 0.0)
+        latencies.record(iteration(part))
     published = latencies.percentiles_ms()
     exact = np.quantile(sample_us, [0.5, 0.99, 0.999]) / 1e3
     assert [published["p50"], published["p99"], published["p999"]] == pytest.approx(exact.tolist(), rel=0.06)

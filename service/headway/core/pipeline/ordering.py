@@ -16,22 +16,6 @@ CLOCK_SET_BACK_US = 1_000_000
 """A receive time that lies less far back arrived late from another thread or source; it counts as the newest."""
 
 _SCORED = np.uint8(Outcome.SCORED)
-_TOO_OLD = np.uint8(Outcome.TOO_OLD)
-_FROM_THE_FUTURE = np.uint8(Outcome.FROM_THE_FUTURE)
-
-
-@njit(cache=True, error_model="numpy")
-def reject_by_age(
-    t_us: I64, received_us: I64, max_age_us: float, max_ahead_us: float, out_outcomes: NDArray[np.uint8]
-) -> None:
-    """Write the outcome of each record (B,) by its age: SCORED, TOO_OLD or FROM_THE_FUTURE."""
-    for i in range(t_us.size):
-        age_us = received_us[i] - t_us[i]
-        out_outcomes[i] = _SCORED
-        if age_us > max_age_us:
-            out_outcomes[i] = _TOO_OLD
-        elif age_us < -max_ahead_us:
-            out_outcomes[i] = _FROM_THE_FUTURE
 
 
 @njit(cache=True, error_model="numpy")

@@ -39,8 +39,9 @@ class Housekeeping:
     def _start_misses(self, rows: I64, leaders: I64, now_us: int, tally: StepTally) -> None:
         site, tracks = self._site, self._site.tables.tracks
         received_us, config = tracks["received_us"], site.config
-        ignored = site.misses.active | (self._pseudonym_changed_us == received_us)
-        ignored |= received_us < site.reception.outage_until_us
+        last_us = received_us[rows]
+        ignored = site.misses.active[rows] | (self._pseudonym_changed_us[rows] == last_us)
+        ignored |= last_us < site.reception.outage_until_us
         overdue = reception.overdue(
             tracks,
             site.tables.coverage,

@@ -33,7 +33,7 @@ class PassingTime:
     def receive(self, received_us: I64) -> tuple[I64, list[int]]:
         """Return (B,) times of reception that do not go back, and the place of the first record of each slot."""
         times_us, starts = np.empty(received_us.size, np.int64), np.empty(received_us.size, np.int64)
-        count = self._receive_times(received_us, self.now_us, times_us, starts)
+        count = self._receive_times(np.ascontiguousarray(received_us), self.now_us, times_us, starts)
         return times_us, starts[:count].tolist()
 
     def pass_until(self, now_us: int, tally: StepTally) -> None:

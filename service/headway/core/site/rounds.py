@@ -7,17 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headway.core.consistency.pair_tests import pair_verdicts
+from headway.core.pipeline.admission import admit
 from headway.core.pipeline.classify import FILTER_EVENT, PAIR_EVENT, REAPPEARED
 from headway.core.pipeline.finalise import Finalised, finalise
 from headway.core.pipeline.ingest import Ingested, ingest
-from headway.core.pipeline.ordering import reject_by_age, rounds
+from headway.core.pipeline.ordering import rounds
 from headway.core.runtime import rows as banks
 from headway.core.runtime.bound_kernel import bind_signature
 from headway.core.site.slot_end import SlotEnd
 from headway.core.site.state import SiteState
 from headway.core.tracking.tracks import evict as evict_tracks
 from headway.core.types.batch import I64, Columns, Ids
-from headway.core.types.identifiers import id_column
+from headway.core.types.identifiers import id_column, id_words
 from headway.core.types.outcome import Outcome
 from headway.core.types.records import Kind
 from headway.core.types.step_result import AnomalyEvent, RecordVerdicts, RoundFailure, StepTally
@@ -62,20 +63,17 @@ class RoundProcessor:
         self._filters = site.tables.bank["model"]
         self._leader_rows = site.tables.pairing["leader_row"]
         self._workspace = np.zeros((site.config.vehicle_capacity, 2), np.int64)
-        self._reject_by_age, self._rounds = bind_signature(reject_by_age), bind_signature(rounds)
+        self._admit, self._rounds = bind_signature(admit), bind_signature(rounds)
         self._ingest, self._finalise = bind_signature(ingest), bind_signature(finalise)
         self._step_batch = bind_signature(site.model.step_batch)
 
     def process(self, slot: Slot, clock_offset_us: int, tally: StepTally) -> None:
         """Process the records of a slot, at least one, in the order of their arrival."""
-        site, (t_us, received_us, *_), outcomes = self._site, slot.columns, slot.outcomes
-        max_age_us, max_ahead_us = site.config.max_age_s * 1e6, site.config.max_ahead_s * 1e6
-        self._reject_by_age(t_us - clock_offset_us, received_us, max_age_us, max_ahead_us, outcomes)
-        rows = self._assign_rows(slot.ids, received_us, outcomes)
+        site, outcomes = self._site, slot.outcomes
+        rows, declared_rows = self._assign_rows(slot, clock_offset_us)
         if slot.owned is not None:
             site.tables.owned[rows[rows >= 0]] = slot.owned[rows >= 0]
-        declared_rows = site.vehicles.rows(slot.leader_ids)
-        site.reception.record(received_us)
+        site.reception.record(slot.columns.received_us)
         order, nth, count = self._rounds(rows, self._leader_rows, site.pair_events.suspects, outcomes, self._workspace)
         events: list[AnomalyEvent] = []
         for n in range(count):
@@ -87,20 +85,30 @@ class RoundProcessor:
         events = site.published(events)
         tally.events += events if len(events) < 2 else _in_record_order(events, slot)
 
-    def _assign_rows(self, ids: Ids, received_us: I64, outcomes: NDArray[np.uint8]) -> I64:
-        """Return (B,) rows, a new one for each new vehicle; the outcome is TABLE_FULL where no row is free."""
-        site = self._site
-        rows = site.vehicles.rows(ids)
-        if rows.min() >= 0:
-            return rows
+    def _assign_rows(self, slot: Slot, clock_offset_us: int) -> tuple[I64, I64]:
+        """Return (B,) the rows of vehicles, a new one for each new vehicle, and of the leaders that they declare.
+
+        The outcome is TABLE_FULL where no row is free, and another rejection where a record is too old or too new.
+        """
+        site, ids, outcomes, (t_us, received_us, *_) = self._site, slot.ids, slot.outcomes, slot.columns
+        rows, declared_rows = np.empty((2, outcomes.size), np.int64)
+        # Unix time is local time and the offset, so the age is that by local time and the offset.
+        max_age_us = site.config.max_age_s * 1e6 - clock_offset_us
+        max_ahead_us = site.config.max_ahead_s * 1e6 + clock_offset_us
+        words, leader_words = id_words(ids), id_words(slot.leader_ids)
+        index = site.vehicles.id_index
+        if self._admit(
+            index, words, leader_words, t_us, received_us, max_age_us, max_ahead_us, outcomes, rows, declared_rows
+        ):
+            return rows, declared_rows
         unknown = np.flatnonzero((rows < 0) & (outcomes == _SCORED))
         if unknown.size:
             first = dict(zip(ids[unknown[::-1]].tolist(), received_us[unknown[::-1]].tolist(), strict=True))
             admitted = site.vehicles.admit([vehicle.decode() for vehicle in reversed(first)])
             site.first_received_us[admitted] = list(reversed(first.values()))[: len(admitted)]
-            rows = site.vehicles.rows(ids)
+            rows, declared_rows = site.vehicles.rows(ids), site.vehicles.rows(slot.leader_ids)
             outcomes[(rows < 0) & (outcomes == _SCORED)] = Outcome.TABLE_FULL
-        return rows
+        return rows, declared_rows
 
     def _fail(self, error: Exception, slot: Slot, all_rows: I64, places: I64, tally: StepTally) -> None:
         """Give the records of a round that failed their outcome, and forget the state that it touched."""

@@ -90,13 +90,13 @@ def overdue(
 ) -> NDArray[np.bool_]:
     """Return which of `rows` (B,) are silent beyond their limit while a neighbour was received since.
 
-    `leaders` (B,) is the row of each one's leader, -1 for none; `ignored` (C,) are rows to skip.
+    `leaders` (B,) is the row of each one's leader, -1 for none; `ignored` (B,) are those to skip.
     """
     found, covered = np.zeros(rows.size, np.bool_), np.zeros(tracks.size, np.bool_)
     for i in range(rows.size):
         track = tracks[rows[i]]
         silent_us = now_us - track.received_us
-        found[i] = not ignored[rows[i]] and track.count > warming_readings
+        found[i] = not ignored[i] and track.count > warming_readings
         found[i] &= silent_us > limit_us(track, silence_timeout_s)
         covered[rows[i]] = found[i] and is_covered_beyond(coverage, track, 1e-6 * silent_us)
     if found.any():
@@ -144,10 +144,12 @@ class ReceptionMonitor:
 
     def record(self, received_us: I64) -> None:
         """Record the receive times of a batch."""
-        first_us = int(received_us[0])
-        if not 0 <= first_us - self._newest_us < self.PAUSE_US:
-            self.receiving_since_us = first_us
+        first_us, newest_us = int(received_us[0]), self._newest_us
         self._newest_us = int(received_us[-1])
+        if not 0 <= first_us - newest_us < self.PAUSE_US:
+            self.receiving_since_us = first_us
+        elif self._newest_us // self.BUCKET_US == newest_us // self.BUCKET_US:
+            return
         buckets = received_us // self.BUCKET_US
         self._received[buckets % self.BUCKETS] = buckets
 

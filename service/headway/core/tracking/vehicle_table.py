@@ -14,7 +14,7 @@ class VehicleTable:
     """Identifiers to rows and back; `generation` (C,) changes whenever a row gets another vehicle."""
 
     def __init__(self, capacity: int) -> None:
-        self._id_index = new_id_index(capacity)
+        self.id_index = new_id_index(capacity)
         self.id_of: list[str | None] = [None] * capacity
         self.generation: I64 = np.zeros(capacity, np.int64)
         self.in_use: NDArray[np.bool_] = np.zeros(capacity, np.bool_)
@@ -28,7 +28,7 @@ class VehicleTable:
     def rows(self, ids: Ids) -> I64:
         """Return (B,) the row of each id; -1 where it has none, and where there is no id."""
         rows = np.empty(ids.size, np.int64)
-        find(self._id_index, id_words(ids), rows)
+        find(self.id_index, id_words(ids), rows)
         return rows
 
     def row(self, vehicle: str) -> int | None:
@@ -59,7 +59,7 @@ class VehicleTable:
         vehicle = self.id_of[row]
         if vehicle is None:
             raise ValueError(f"row {row} is not in use")
-        remove(self._id_index, row)
+        remove(self.id_index, row)
         self.id_of[row] = None
         self.in_use[row] = False
         self.generation[row] = 0
@@ -67,7 +67,7 @@ class VehicleTable:
 
     def _assign(self, row: int, vehicle: str) -> None:
         self._generation += 1
-        insert(self._id_index, row, id_words(id_column([vehicle])), 0)
+        insert(self.id_index, row, id_words(id_column([vehicle])), 0)
         self.id_of[row] = vehicle
         self.generation[row] = self._generation
         self.in_use[row] = True

@@ -58,11 +58,11 @@ class Columns(NamedTuple):
     range_rate_mps: F64
 
 
-def columns(batch: Batch) -> Columns:
-    """Return the columns of a batch for kernels."""
+def columns(batch: Batch, received_us: I64) -> Columns:
+    """Return the columns of a batch for kernels, with other times of reception (B,)."""
     return Columns(
         t_us=_int64(batch.t_us),
-        received_us=_int64(batch.received_us),
+        received_us=received_us,
         msg_cnt=_int64(batch.msg_cnt),
         lat_deg=_float64(batch.lat_deg),
         lon_deg=_float64(batch.lon_deg),

@@ -100,9 +100,9 @@ class Snapshots:
     def _copy(self) -> int:
         """Copy the next part and queue it to be written; return how many vehicles it has."""
         place, self._part = self._part, (self._part + 1) % _PARTS
-        part = self._engine.snapshot(_PARTS, place)
-        if self._is_empty[place] and not part.ids and place not in _ENDS:
+        if self._is_empty[place] and place not in _ENDS and self._engine.is_empty(_PARTS, place):
             return 0
+        part = self._engine.snapshot(_PARTS, place)
         offset_us = self._clock.wall_us() - self._clock.local_us()
         self._worker.put(lambda: self._write(place, part, offset_us))
         return len(part.ids)

@@ -1,15 +1,15 @@
 """Latency of records by stage, in histograms that are cheap to fill."""
 
 import math
-from bisect import bisect_left
 from collections.abc import Mapping
 from enum import StrEnum, unique
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 I64 = NDArray[np.int64]
+F64 = NDArray[np.float64]
 
 _PER_DECADE: Final = 24
 EDGES_US: Final = 10.0 * 10.0 ** (np.arange(7 * _PER_DECADE + 1) / _PER_DECADE)
@@ -37,6 +37,22 @@ class Stage(StrEnum):
     """Building the messages of one iteration and queueing them for publication."""
 
 
+class Iteration(NamedTuple):
+    """The times of one iteration of the loop, and of its B records."""
+
+    received_us: I64
+    """(B,) local time of reception."""
+    sent_us: I64
+    """(B,) event time, in Unix time."""
+    drained_us: int
+    """Local time at which the iteration began."""
+    clock_offset_us: int
+    """From local to Unix time."""
+    decode_us: float
+    detect_us: float
+    publish_us: float
+
+
 class Histogram:
     """Counts by bucket; the last one is for values above the edges."""
 
@@ -44,13 +60,8 @@ class Histogram:
         self.counts: I64 = np.zeros(EDGES_US.size + 1, dtype=np.int64)
         self.sum_us = 0.0
 
-    def add(self, value_us: float, times: int) -> None:
-        """Count one value several times."""
-        self.counts[bisect_left(_EDGES, value_us)] += times
-        self.sum_us += value_us * times
-
-    def add_all(self, values_us: NDArray[np.float64]) -> None:
-        """Count each value once."""
+    def add(self, values_us: F64) -> None:
+        """Count each value."""
         self.counts += np.bincount(np.searchsorted(EDGES_US, values_us), minlength=self.counts.size)
         self.sum_us += float(values_us.sum())
 
@@ -60,47 +71,42 @@ class Latencies:
 
     def __init__(self) -> None:
         self.stages = {stage: Histogram() for stage in Stage}
-        self._waits: list[NDArray[np.float64]] = []
-        self._works: list[NDArray[np.float64]] = []
-        self._ages: list[NDArray[np.float64]] = []
+        self._iterations: list[Iteration] = []
         self._held = 0
         self._reported = self.stages[Stage.TOTAL].counts.copy()
         self._max_us = 0.0
 
-    def record(
-        self,
-        waits_us: NDArray[np.float64],
-        ages_us: NDArray[np.float64],
-        decode_us: float,
-        detect_us: float,
-        publish_us: float,
-    ) -> None:
-        """Count one iteration: (B,) queue time and age at the outcome of each record, and the time of each stage."""
-        size = waits_us.size
-        if not size:
+    def record(self, iteration: Iteration) -> None:
+        """Count one iteration."""
+        if not iteration.received_us.size:
             return
-        self.stages[Stage.DECODE].add(decode_us, size)
-        self.stages[Stage.DETECT].add(detect_us, size)
-        self.stages[Stage.PUBLISH].add(publish_us, size)
-        self._waits.append(waits_us)
-        self._works.append(waits_us + (decode_us + detect_us))
-        self._ages.append(ages_us)
-        self._held += size
+        self._iterations.append(iteration)
+        self._held += iteration.received_us.size
         if self._held >= _FLUSH_AT:
             self.flush()
 
     def flush(self) -> None:
         """Bring the histograms up to date."""
-        if self._held:
-            totals_us = np.concatenate(self._works)
-            self.stages[Stage.QUEUE].add_all(np.concatenate(self._waits))
-            self.stages[Stage.TOTAL].add_all(totals_us)
-            self._max_us = max(self._max_us, float(totals_us.max()))
-            self.stages[Stage.INTENDED].add_all(np.concatenate(self._ages))
-            self._ages.clear()
-            self._waits.clear()
-            self._works.clear()
-            self._held = 0
+        of, self._iterations, self._held = self._iterations, [], 0
+        if not of:
+            return
+        sizes = [iteration.received_us.size for iteration in of]
+        times_us = np.array([iteration[2:] for iteration in of], np.float64)
+        drained_us, offset_us, decode_us, detect_us, publish_us = np.repeat(times_us, sizes, axis=0).T
+        judged_us = drained_us + decode_us + detect_us
+        received_us = np.concatenate([iteration.received_us for iteration in of])
+        totals_us = judged_us - received_us
+        ages_us = judged_us + offset_us - np.concatenate([iteration.sent_us for iteration in of])
+        for stage, values_us in (
+            (Stage.QUEUE, drained_us - received_us),
+            (Stage.DECODE, decode_us),
+            (Stage.DETECT, detect_us),
+            (Stage.TOTAL, totals_us),
+            (Stage.INTENDED, ages_us),
+            (Stage.PUBLISH, publish_us),
+        ):
+            self.stages[stage].add(values_us)
+        self._max_us = max(self._max_us, float(totals_us.max()))
 
     def percentiles_ms(self) -> Mapping[str, float]:
         """Return p50, p99, p999 and max of the total since the last call, to 5 %; empty without records."""
