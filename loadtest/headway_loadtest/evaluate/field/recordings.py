@@ -159,6 +159,8 @@ def load(path: Path, runs: int, seed: int, without: Sequence[Path] = ()) -> Iter
         return
     if not files or not files[0].is_file():
         raise SourceError(f"{path}: no recording (.csv, .jsonl) there")
+    if not _is_recording(files[0]):
+        raise SourceError(f"{path}: of no form that is recognised by its content; .csv and .jsonl are by their ending")
     for file in files:
         if file.name.endswith(JSON_ENDINGS):
             yield read_bsm_lines(file)
@@ -190,7 +192,7 @@ def read_gnss(path: Path) -> Recording:
     try:
         table = pl.read_csv(path, infer_schema=False)
     except (OSError, pl.exceptions.PolarsError) as error:
-        raise SourceError(f"{path}: {str(error).partition(chr(10))[0]}") from None
+        raise SourceError(f"{path}: not readable as CSV: {str(error).partition(chr(10))[0]}") from None
     absent = [name for name in GNSS_COLUMNS if name not in table.columns]
     if absent:
         raise SourceError(f"{path}: row 1: no column {', '.join(absent)}; a recording has {','.join(GNSS_COLUMNS)}")

@@ -78,7 +78,9 @@ def test_the_course_fills_in_for_a_heading_that_is_absent(tmp_path):
         ("a.jsonl", "[1]", "line 1: not a BSM v1 record"),
         ("a.jsonl", "[" * 60_000, "line 1: not a BSM v1 record"),
         ("a.jsonl", '{"id":"a","lat":1,"lon":2,"speed_mps":3,"msg_cnt":1,"t_us":1e30}', "beyond 64 bits"),
-        ("a.parquet", "PAR1\udcff\udcfe", "no column t_s"),
+        ("a.csv", "PAR1\udcff\udcfe", "no column t_s"),
+        ("a.csv", "t_s,id\n\udcff,1\n", "not readable as CSV: "),
+        ("a.parquet", "PAR1", "of no form that is recognised"),
         ("a.jsonl", "", "no records"),
     ],
 )
