@@ -179,7 +179,7 @@ class Settings(BaseSettings):
     bundle_limit: int = _setting(512, "A bundle of more records is rejected as `bundle_too_large`.", ge=1, le=65_536)
     idle_sleep_s: float = _setting(
         0.001,
-        "Pause between loop iterations, in which a batch gathers; 3.4 times as long while few messages arrive.",
+        "Pause between loop iterations, in which a batch gathers; three times as long while few messages arrive.",
         "s",
         gt=0,
         le=0.1,

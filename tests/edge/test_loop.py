@@ -279,7 +279,7 @@ def test_the_loop_pauses_after_messages_longer_after_few_and_not_behind_a_backlo
     for _ in range(4):
         rig.bus.deliver(received(record()))
     run(rig, 1)
-    assert pauses[2:] == [0.0017]
+    assert pauses[2:] == [0.0015]
 
 
 def test_a_turn_of_four_pauses_is_followed_by_a_quarter_of_one() -> None:

@@ -34,7 +34,7 @@ _IDLE_UNLESS_WAITING: Final = 64
 """With more messages than this waiting, the loop does not pause."""
 _FEW: Final = 4
 """After this many messages or fewer the pause is longer, because an iteration costs most before its first message."""
-_FEW_PAUSE_FACTOR: Final = 3.4
+_FEW_PAUSE_FACTOR: Final = 3
 _WAIT_NS: Final = 250_000_000
 """Longest wait for a message."""
 _COPIES_NS: Final = 1_000_000_000
