@@ -3,6 +3,8 @@
 import json
 import pickle
 import shutil
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -112,3 +114,25 @@ def test_every_module_with_a_kernel_is_in_the_digest() -> None:
     with_kernels = {p.relative_to(here) for p in here.rglob("*.py") if "@njit" in p.read_text(encoding="utf-8")}
     beside = {Path("edge/codec/msgpack_columns.py"), Path("feeds/uper_kernel.py")}
     assert {p for p in with_kernels if p.parts[0] != "core"} == beside
+
+
+LATER = """
+import sys
+from headway import kernel_cache
+kernel_cache.without_blas()
+from numba import njit
+from headway.core.tracking.geodesy import metres_per_degree
+
+@njit
+def through(lat_deg):
+    return metres_per_degree(lat_deg)
+
+before = metres_per_degree(48.0)
+kernel_cache.release_bitcode()
+assert through(48.0) == before
+assert [name for name, module in sys.modules.items() if name.startswith("scipy.linalg") and module] == []
+"""
+
+
+def test_a_kernel_compiled_after_the_release_of_bitcode_calls_those_before_and_blas_is_not_loaded() -> None:
+    subprocess.run([sys.executable, "-c", LATER], check=True)

@@ -168,6 +168,7 @@ class Engine:
             other.step(_example(k), now_us=1 + k * 100_000)
         other.states()
         site = other._site
+        site.evidence.of(0)
         reception.pseudonym_changed(site.tables.tracks, site.first_received_us, 0, np.arange(2))
         site.evict(np.arange(1))
 

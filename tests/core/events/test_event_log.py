@@ -29,7 +29,7 @@ class Follower:
         """Return the events of a reading of `x_m`, where the estimate is 0."""
         reading = banks.readings(1)
         reading["x_m"] = x_m
-        store_readings(self.evidence.rings, self.bank, np.array([self.row]), reading, np.array([-1]))
+        store_readings(self.evidence.tables, np.array([self.row]), reading, np.array([-1]))
         verdict = banks.verdicts(1)
         verdict["anomalous"] = anomalous
         if anomalous:
@@ -122,6 +122,7 @@ class Pair:
         self.vehicles = VehicleTable(2)
         self.leader, self.follower = self.vehicles.admit(["a", "b"])
         evidence = EvidenceStore(np.zeros(2, np.dtype([("count", "i8")])), 8)
+        store_readings(evidence.tables, np.arange(2), banks.readings(2), np.array([-1, 0]))
         self.own, self.pair = (EventLog(self.vehicles, evidence, 2, suffix) for suffix in ("", "-link"))
         self.t_us = 1_000_000
 

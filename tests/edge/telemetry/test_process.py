@@ -36,7 +36,7 @@ def test_pages_that_were_read_are_released_and_read_again(tmp_path: Path, conten
     ):
         assert map_[:] == content
         assert resident_kb("libsample.so") == [SIZE // 1024]
-        release_pages("libsample")
+        release_pages()
         assert resident_kb("libsample.so") == [0]
         assert map_[:] == content
 
@@ -45,5 +45,5 @@ def test_pages_that_were_changed_stay(tmp_path: Path, content: bytes) -> None:
     access = mmap.PROT_READ | mmap.PROT_WRITE
     with (tmp_path / "libsample.so").open("r+b") as file, mmap.mmap(file.fileno(), 0, mmap.MAP_PRIVATE, access) as map_:
         map_[:4] = b"mine"
-        release_pages("libsample")
+        release_pages()
         assert map_[:] == b"mine" + content[4:]

@@ -13,6 +13,7 @@ import structlog
 
 from headway import kernel_cache
 from headway.core.engine import Engine
+from headway.core.estimation.registry import build
 from headway.core.tracking.cells import Lattice
 from headway.edge.cells.cell_engines import CellEngines
 from headway.edge.cells.engine_process import EngineStart
@@ -177,9 +178,10 @@ def _warm_up(engine: Engine | CellEngines, codec: Codec, stop: threading.Event) 
         # A compiler keeps some 400 MB to itself for good, and who finds its work done never starts one.
         _log.info("starting anew", compiled=compiled)
         os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])  # noqa: S606
-    release_pages("libllvmlite")  # 68 MB that only compile and load kernels
+    kernel_cache.release_bitcode()
     gc.collect()  # a tenth of a second, before a lease runs
     gc.freeze()
+    release_pages()  # most of LLVM, which only compiles and loads kernels, and what else only starts the service
 
 
 def _write_last(persistence: Persistence | None, engine: Engine | CellEngines) -> None:
@@ -193,6 +195,8 @@ def _write_last(persistence: Persistence | None, engine: Engine | CellEngines) -
 def _engine(settings: Settings, identity: Identity, clock: SystemClock, health: HealthState) -> Engine | CellEngines:
     """Return the engine, or with several workers the engines of the site."""
     workers, folder = settings.workers, settings.state_dir and (settings.snapshot_dir or settings.state_dir)
+    if not build(settings.detector()).linear_algebra:
+        kernel_cache.without_blas()
     if workers == 1:
         return Engine(settings.detector())
     name = f"{settings.site}-{settings.instance}"

@@ -4,11 +4,11 @@
 the model rejected a sensor, so a single bad reading does not reach these tests.
 """
 
+from math import exp
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import expit
 
 from headway.core.consistency.attribution import (
     FAULT_LOG_ODDS,
@@ -162,5 +162,5 @@ def pair_verdicts(pair_tests: Records, verdicts: Records) -> Records:
         result[name] = check[name]
     result["kind"], result["sensor"] = pair_tests["kind"], Sensor.LINK
     result["anomalous"] = pair_tests["kind"] != Kind.NONE
-    result["confidence"] = expit(np.abs(pair_tests["follower_log_odds"]))
+    result["confidence"] = [1.0 / (1.0 + exp(-abs(odds))) for odds in pair_tests["follower_log_odds"].tolist()]
     return result

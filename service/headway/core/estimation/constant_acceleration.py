@@ -8,7 +8,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
-from scipy.special import chdtri
 
 from headway.core.estimation.delayed_ekf import SENSOR_SPEED, isolate, write_test
 from headway.core.estimation.kinematics import (
@@ -25,6 +24,7 @@ from headway.core.estimation.kinematics import (
     predict,
     update_scalar,
 )
+from headway.core.statistics.chi_square import chi_square_gate
 from headway.core.statistics.fault_shape import EPISODE, add_deviation, end_episode, likeliest_kind
 from headway.core.statistics.innovation import Innovation, nis_2d
 from headway.core.types.config import DetectorConfig
@@ -68,8 +68,8 @@ def ca_params(config: DetectorConfig) -> CaParams:
     """Return the chi-square gates for the alarm budget, at 10 Hz and with Gaussian noise."""
     share = min(0.5, config.alarm_budget_per_hour / (3600.0 * NOMINAL_HZ))
     return CaParams(
-        gate=float(chdtri(2, share)),
-        sensor_gate=float(chdtri(1, share)),
+        gate=chi_square_gate(2, share),
+        sensor_gate=chi_square_gate(1, share),
         max_gap_s=config.max_gap_s,
         warming_readings=config.warming_readings,
     )

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import chdtri
 
 from headway.core.estimation import constant_acceleration as ca
 from headway.core.estimation.car_following import IdmParams
@@ -14,6 +13,7 @@ from headway.core.estimation.delayed_ekf import FilterParams, step_batch
 from headway.core.estimation.imm import step
 from headway.core.estimation.imm.sensor_quality import sensor_qualities
 from headway.core.runtime.rows import BatchKernel, readings, verdicts
+from headway.core.statistics.chi_square import chi_square_gate
 from headway.core.statistics.fault_shape import EPISODE
 from headway.core.types.config import MODEL_NAMES, DetectorConfig
 from headway.core.types.records import Records
@@ -33,6 +33,8 @@ class Model:
     step_batch: BatchKernel
     sensor_qualities: Callable[[Records], SensorQualities] | None = None
     """What the rows tell of the sensors; None for a model that learns nothing of them."""
+    linear_algebra: bool = True
+    """Whether `step_batch` may call BLAS or LAPACK."""
 
     def warm_up(self) -> None:
         """Compile or load `step_batch`.
@@ -72,8 +74,8 @@ def paper_params(config: DetectorConfig) -> FilterParams:
         idm=IdmParams(),
         delay_s=config.delay_s,
         delay_jitter_s=config.delay_jitter_s,
-        gate=float(chdtri(2, false_alarm)),
-        sensor_gate=float(chdtri(1, false_alarm)),
+        gate=chi_square_gate(2, false_alarm),
+        sensor_gate=chi_square_gate(1, false_alarm),
         # docs/PAPER.md, "Noise"; `rejections_max` is ours.
         q_x=0.5,
         q_v=0.3,
@@ -94,12 +96,12 @@ def _paper(name: str, order: int, config: DetectorConfig) -> Model:
 
 def _headway(config: DetectorConfig) -> Model:
     dtype = step.headway_dtype(config.delay_s)
-    return Model("headway", dtype, step.headway_params(config), step.step_batch, sensor_qualities)
+    return Model("headway", dtype, step.headway_params(config), step.step_batch, sensor_qualities, linear_algebra=False)
 
 
 MODELS: dict[str, Callable[[DetectorConfig], Model]] = {
     "headway": _headway,
-    "ca": lambda config: Model("ca", ca.CA, ca.ca_params(config), ca.step_batch),
+    "ca": lambda config: Model("ca", ca.CA, ca.ca_params(config), ca.step_batch, linear_algebra=False),
     "ekf": lambda config: _paper("ekf", 2, config),
     "aekf": lambda config: _paper("aekf", 3, config),
 }

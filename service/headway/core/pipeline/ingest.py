@@ -76,7 +76,7 @@ def ingest(
         if advanced.initialised[i]:
             kept_bytes = params.model_bytes if last_received_us[i] < absent_until_us else 0
             tables.bank_bytes[rows[i], kept_bytes:] = 0
-            tables.evidence.counts[rows[i]] = 0
+            tables.evidence.segments[rows[i]].count = 0
         if advanced.outcome[i] != _SCORED:
             out_outcomes[place] = advanced.outcome[i]
             continue
@@ -87,7 +87,7 @@ def ingest(
         n += 1
     places, rows = places[:n], rows[:n]
     readings, leaders = build_readings(tables, batch, rows, places, declared_rows)
-    store_readings(tables.evidence, tables.bank, rows, readings, leaders)
+    store_readings(tables.evidence, rows, readings, leaders)
     verdicts = np.zeros(n, VERDICT)
     check_readings(tables.plausibility, rows, readings, params.limits, verdicts)
     return Ingested(

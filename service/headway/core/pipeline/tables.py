@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from headway.core.consistency.pair_tests import PairTestParams
-from headway.core.events.evidence import EvidenceRings
+from headway.core.events.evidence import EvidenceTables
 from headway.core.plausibility.limits import Limits
 from headway.core.tracking.spatial_index import Grid
 from headway.core.types.records import Records
@@ -30,7 +30,7 @@ class Tables(NamedTuple):
     """What a follower reads of each vehicle,"""
     earlier_estimates: Records
     """and the newest of an earlier slot than that."""
-    evidence: EvidenceRings
+    evidence: EvidenceTables
     filter_event_active: NDArray[np.bool_]
     pair_event_active: NDArray[np.bool_]
     miss_event_active: NDArray[np.bool_]

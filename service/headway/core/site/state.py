@@ -56,7 +56,7 @@ class SiteState:
             newest_verdicts=banks.verdicts(capacity),
             estimates=new_estimates(capacity),
             earlier_estimates=new_estimates(capacity),
-            evidence=self.evidence.rings,
+            evidence=self.evidence.tables,
             filter_event_active=self.events.active,
             pair_event_active=self.pair_events.active,
             miss_event_active=self.misses.active,

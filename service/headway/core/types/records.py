@@ -35,23 +35,18 @@ READING = np.dtype(
 )
 """One message: the measurement z = [x, v] and the input u = [x_leader, v_leader], each with its own time."""
 
-_SINGLE_PRECISION = (
-    "odometer_std_m",
-    "leader_length_m",
-    "range_m",
-    "range_rate_mps",
-    "heading_deg",
-    "accuracy_m",
-    "overlapped",
-    "appeared",
-    "contradictions",
-)
+_SINGLE_PRECISION = ("odometer_std_m", "leader_length_m", "range_m", "range_rate_mps", "heading_deg", "accuracy_m")
+_FLAGS = ("overlapped", "appeared")
+CONTRADICTIONS_MAX = 65_535
+"""More of them in one reading are kept as so many; the check of them saturates far below."""
 COMPACT_READING = np.dtype(
-    [(name, "f8") for name in READING.names or () if name not in _SINGLE_PRECISION]
-    + [(name, "f4") for name in _SINGLE_PRECISION],
+    [(name, "f8") for name in READING.names or () if name not in {*_SINGLE_PRECISION, *_FLAGS, "contradictions"}]
+    + [(name, "f4") for name in _SINGLE_PRECISION]
+    + [("leader", "i4"), ("contradictions", "u2"), *((name, "?") for name in _FLAGS)],
     align=True,
 )
-"""A reading as evidence keeps it. These fields of a READING are rounded where it is made, so nothing is lost."""
+"""A reading as evidence keeps it, with the row of its leader, -1 for none. The fields of single precision are rounded
+where a READING is made, so nothing is lost."""
 
 VERDICT = np.dtype(
     [

@@ -20,8 +20,8 @@ def rss_mb() -> float | None:
     return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
 
 
-def release_pages(library: str) -> None:
-    """Give the unchanged pages of a loaded library back to the system, which reads them again when they are used.
+def release_pages() -> None:
+    """Give the unchanged pages of libraries and other files back to the system, which reads those again that are used.
 
     Changed pages stay. Without Linux nothing is done.
     """
@@ -33,7 +33,8 @@ def release_pages(library: str) -> None:
     start = end = 0
     for line in maps.read_text(encoding="utf-8").splitlines():
         if mapping := _MAPPING.match(line):
-            is_read_only = library in mapping["path"] and "w" not in mapping["access"]
-            start, end = (int(mapping["start"], 16), int(mapping["end"], 16)) if is_read_only else (0, 0)
+            is_file = mapping["path"].startswith("/") and not mapping["path"].startswith("/dev/")
+            is_released = is_file and "w" not in mapping["access"]
+            start, end = (int(mapping["start"], 16), int(mapping["end"], 16)) if is_released else (0, 0)
         elif start and line.split() == ["Anonymous:", "0", "kB"]:
             madvise(start, end - start, mmap.MADV_DONTNEED)

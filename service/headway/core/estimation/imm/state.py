@@ -15,6 +15,7 @@ from headway.core.estimation.imm.modes import (
     SINGLE_COLUMNS,
     SINGLE_FAULT_MODES,
     SINGLE_OFFSETS,
+    SPARE_COLUMN,
     sensor_fault_probability,
 )
 from headway.core.estimation.kinematics import (
@@ -50,7 +51,7 @@ EXCLUDED_MPS, EXCLUDED_APART_M = (-5.0, 75.0), 20.0
 
 MODES = np.dtype(
     [
-        ("single", "f8", (SIZE, SINGLE_COLUMNS)),
+        ("single", "f8", (SIZE, SINGLE_FAULT_MODES)),
         ("double", "f8", (SIZE, DOUBLE_COLUMNS)),
         ("mode_probability", "f8", (MODE_COUNT,)),
         ("manoeuvring", "f8"),  # probability that the newest reading belongs to a manoeuvre, given HEALTHY
@@ -59,7 +60,8 @@ MODES = np.dtype(
 )
 """One vehicle between two readings: the filters with at most one fault, those with two, and all probabilities.
 
-`double` is up to date only while the probability of HEALTHY is at most PRUNE_DOUBLES_ABOVE.
+`double` is up to date only while the probability of HEALTHY is at most PRUNE_DOUBLES_ABOVE. Otherwise it is zero, since
+words that are zero take no memory in evidence and snapshots.
 """
 
 IMM_WORKSPACE = np.dtype(
@@ -110,8 +112,9 @@ class ModeParams(NamedTuple):
 @njit(cache=True, error_model="numpy")
 def initialise_modes(row: Any, x_m: float, v_mps: float, r: Any, p: ModeParams) -> None:
     """Initialise all modes of a row (MODES) at a reading of variances `r` (2,), with HEALTHY certain."""
-    for j in range(SINGLE_COLUMNS):
+    for j in range(SINGLE_FAULT_MODES):
         initialise(row.single, j, x_m, v_mps, r[Z_POSITION], r[Z_SPEED], p.a_std_mps2**2)
+    row.double[:] = 0.0
     row.mode_probability[:] = MODE_PROBABILITY_FLOOR
     row.mode_probability[HEALTHY] = 1.0
     row.manoeuvring = 0.0
@@ -156,8 +159,9 @@ def estimate(row: Any, into: Any) -> None:
 def load(row: Any, imm: Any, doubles_pruned: bool) -> None:
     """Copy the filters of the row into the workspace."""
     for i in range(SIZE):
-        for j in range(SINGLE_COLUMNS):
+        for j in range(SINGLE_FAULT_MODES):
             imm.single.m[i, j] = row.single[i, j]
+        imm.single.m[i, SPARE_COLUMN] = row.single[i, HEALTHY]
     if not doubles_pruned:
         imm.double.m[:] = row.double
 
@@ -166,7 +170,7 @@ def load(row: Any, imm: Any, doubles_pruned: bool) -> None:
 def store(row: Any, imm: Any, doubles_pruned: bool) -> None:
     """Copy them back. Modes with two faults that were pruned until now start from HEALTHY."""
     for i in range(SIZE):
-        for j in range(SINGLE_COLUMNS):
+        for j in range(SINGLE_FAULT_MODES):
             row.single[i, j] = imm.single.m[i, j]
     if row.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE:
         for j in range(DOUBLE_COLUMNS):
@@ -174,6 +178,8 @@ def store(row: Any, imm: Any, doubles_pruned: bool) -> None:
                 copy_column(row.double, j, imm.single.m, HEALTHY)
             else:
                 copy_column(row.double, j, imm.double.m, j)
+    elif not doubles_pruned:
+        row.double[:] = 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -228,7 +234,7 @@ def restart_diverged(row: Any, p: ModeParams) -> None:
 @njit(cache=True, error_model="numpy")
 def add_acceleration_change(row: Any, change_mps2: float) -> None:
     """Add a known change of acceleration, the input of the motion model, to every mode."""
-    for j in range(SINGLE_COLUMNS):
+    for j in range(SINGLE_FAULT_MODES):
         row.single[AX, j] += change_mps2
     if row.mode_probability[HEALTHY] <= PRUNE_DOUBLES_ABOVE:
         for j in range(DOUBLE_COLUMNS):
@@ -248,7 +254,7 @@ def reset_to_measurement(row: Any, position: bool, speed: bool, mean: Any, z: An
     if speed:
         mean[VX], mean[VV], mean[XV], mean[VA] = z[Z_SPEED], r[Z_SPEED], 0.0, 0.0
         mean[AX], mean[XA], mean[AA] = 0.0, 0.0, p.a_std_mps2**2
-    for j in range(SINGLE_COLUMNS):
+    for j in range(SINGLE_FAULT_MODES):
         row.single[:, j] = mean
     for j in range(DOUBLE_COLUMNS):
         row.double[:, j] = mean
