@@ -176,7 +176,7 @@ def measure(peers: dict[str, Peer]) -> Iterator[str]:
         most = most_held(peer.start, peer.guess, peer.bundle, within=WITHIN, warmup_s=WARMUP_S)
         p50_ms, p99_ms, us, rss_mb = map(median, zip(*found[name], strict=True))
         held = f"{10 * most.vehicles:,} | {cpu_us(most):.0f}"
-        yield f"| {name} | {held} | {p50_ms:.1f} / {p99_ms:.0f} | {us:.0f} | {rss_mb:.0f} |"
+        yield f"| {name} | {held} | {p50_ms:.1f} / {p99_ms:.1f} | {us:.0f} | {rss_mb:.0f} |"
 
 
 def main(*names: str) -> None:
