@@ -33,9 +33,9 @@ class Costs:
     """Of one core until a host and its service of `headway fleet` are ready, kernels cached."""
     restore_us: float = 190.0
     """Of one vehicle from bytes."""
-    memory_mb: float = 175.0
+    memory_mb: float = 138.0
     """Of a process without vehicles."""
-    vehicle_mb: float = 0.024
+    vehicle_mb: float = 0.0176
     process_vehicles: int = 10_000
     """Most vehicles of one process; a larger site is several cells."""
     halo: float = 1.25
