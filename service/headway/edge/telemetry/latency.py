@@ -6,15 +6,14 @@ from enum import StrEnum, unique
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-I64 = NDArray[np.int64]
-F64 = NDArray[np.float64]
+from headway.core.types.batch import F64, I64
 
 _PER_DECADE: Final = 24
 EDGES_US: Final = 10.0 * 10.0 ** (np.arange(7 * _PER_DECADE + 1) / _PER_DECADE)
 """Upper edges of the buckets, 10 us to 100 s, each a tenth wider than the one before."""
-_EDGES: Final = EDGES_US.tolist()
+_UPPER_US: Final = [*EDGES_US.tolist(), 2.0 * float(EDGES_US[-1])]
+"""Value below which each bucket lies; those above the last edge count at twice it."""
 _MIDDLES: Final = [*(EDGES_US * 10.0 ** (-0.5 / _PER_DECADE)).tolist(), math.inf]
 """Value that represents a bucket: within 5 % of each value in it."""
 _QUANTILES: Final = {"p50": 0.5, "p99": 0.99, "p999": 0.999}
@@ -124,8 +123,7 @@ class Latencies:
     def cumulative_us(self) -> dict[str, tuple[tuple[float, int], ...]]:
         """Return (upper edge, count) of the used buckets by stage; values above the last edge count at twice it."""
         self.flush()
-        edges = [*_EDGES, 2 * _EDGES[-1]]
         return {
-            stage.value: tuple((edges[i], int(histogram.counts[i])) for i in np.flatnonzero(histogram.counts))
+            stage.value: tuple((_UPPER_US[i], int(histogram.counts[i])) for i in np.flatnonzero(histogram.counts))
             for stage, histogram in self.stages.items()
         }

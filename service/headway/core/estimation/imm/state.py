@@ -60,8 +60,8 @@ MODES = np.dtype(
 )
 """One vehicle between two readings: the filters with at most one fault, those with two, and all probabilities.
 
-`double` is up to date only while the probability of HEALTHY is at most PRUNE_DOUBLES_ABOVE. Otherwise it is zero, since
-words that are zero take no memory in evidence and snapshots.
+`double` is up to date only while the probability of HEALTHY is at most PRUNE_DOUBLES_ABOVE. Otherwise nothing reads it,
+and it is zero, except after a reset: words that are zero take no memory in evidence and snapshots.
 """
 
 IMM_WORKSPACE = np.dtype(
